@@ -22,7 +22,7 @@ from robbie_robots.workers.mapping.map_renderer import MapRenderer
 from robbie_robots.workers.mapping.occupancy_grid import GrowingGrid
 from robbie_robots.workers.mapping.redundancy import redundant
 from robbie_robots.workers.mapping.scan_matcher import Match
-from robbie_robots.workers.mapping.scan_tracker import ScanTracker, odometry_deviation
+from robbie_robots.workers.mapping.scan_tracker import ScanTracker
 from robbie_robots.workers.mapping.slip_watch import SlipWatch
 from robbie_robots.workers.odometry_track import OdometryTrack, TrackMoment
 from robbie_robots.workers.planar_pose import compose, relative, rotated_information
@@ -33,6 +33,7 @@ KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next
 FEWEST_HITS = 20
 THINNED = 0.1  # share of the key sweeps removed at a time
 GAP_S, GAP_M = 2.0, 2.0  # a pause between two sweeps in which the robot moved this far is a gap
+PAUSES, GAP_PAUSES = 15, 3.0  # of the newest pauses, the median; a gap is this many times longer
 GAP_OVERLAP = 0.4  # share of the returns after it that must lie on known surfaces
 MOST_WAITING = 10  # sweeps that wait for their odometry
 PATIENCE = 5  # odometry messages a sweep waits for one at its own stamp
@@ -105,6 +106,7 @@ class GridMapper:
         # Matched sweeps: position in the odometry, laser's pose by odometry, key sweep, pose relative to it.
         self._anchors = RowLog(8, self.limits.odometry)
         self._waiting: deque[_WaitingSweep] = deque()
+        self._pauses_s: deque[float] = deque(maxlen=PAUSES)  # between the newest sweeps
         self._newest = (np.inf, NOWHERE)  # stamp of the newest sweep (s), and its pose by odometry
 
     def add_odometry(self, stamp_s: float, pose: ArrayLike) -> None:
@@ -233,6 +235,8 @@ class GridMapper:
             "loops": self._closer.state(),
             "slips": self._slips.state(),
             "tracked_from_m": self._tracker.begin_m,
+            "odometry_noise": self._tracker.noise.state(),
+            "pauses_s": np.array(self._pauses_s),
             "map": self._renderer.state(),
             "waiting": [
                 {"stamp_s": one.stamp_s, "arrival": one.arrival, "sweep": one.sweep.state()}
@@ -256,6 +260,9 @@ class GridMapper:
         mapper._closer.restore(state["loops"])
         mapper._slips.restore(state["slips"])
         mapper._tracker.begin(float(state["tracked_from_m"]))
+        if "odometry_noise" in state:
+            mapper._tracker.noise.restore(state["odometry_noise"])
+            mapper._pauses_s.extend(state["pauses_s"].tolist())
         mapper._renderer.restore(state["map"])
         for one in state["waiting"]:
             sweep = LaserSweep.from_state(one["sweep"])
@@ -283,6 +290,8 @@ class GridMapper:
         odometry = self._laser(place.pose)
         since = stamp_s - self._newest[0], relative(self._newest[1], odometry)
         self._newest = stamp_s, odometry
+        if np.isfinite(since[0]):
+            self._pauses_s.append(since[0])
         if not len(self._keys):
             self._anchor(place, odometry, self._keys.add(sweep, odometry), NOWHERE)
             return
@@ -296,10 +305,13 @@ class GridMapper:
         if len(self._keys) >= self.limits.key_sweeps:
             self.refused["sweeps beyond the limit of key sweeps"] += 1
             return
-        if _is_gap(*since):
+        noticed = self._slips.noticed
+        if self._is_gap(*since):
             match = self._match_after_gap(sweep, self._corrected(last), step, (last[0], place.position))
         else:
             match = self._checked_match(sweep, self._corrected(last), step)
+            if match is not None and self._slips.noticed == noticed:
+                self._tracker.noise.learn(step, relative(self._corrected(last), match.pose), match.known)
         if match is None:
             return
         base = len(self._keys) - 1
@@ -322,7 +334,7 @@ class GridMapper:
         match = self._slips.checked(
             sweep,
             guess,
-            odometry_deviation(step),
+            self._tracker.noise.deviation(step),
             self._tracker.match(sweep, before, step),
             self._tracker.reference(),
         )
@@ -341,7 +353,10 @@ class GridMapper:
 
         Where the map knows nothing of what the sweep shows, take odometry's word for it.
         """
-        guess, deviation = compose(before, step), odometry_deviation(self._odometry.moved(*positions))
+        guess, deviation = (
+            compose(before, step),
+            self._tracker.noise.deviation(self._odometry.moved(*positions)),
+        )
         self.gaps_noticed += 1
         match = self._slips.bridged(sweep, guess, deviation)
         if match is not None:
@@ -352,6 +367,12 @@ class GridMapper:
         self.gaps_open += 1
         self._begin_at(guess)
         return replace(match, pose=guess, information=np.diag(deviation**-2.0))
+
+    def _is_gap(self, pause_s: float, step: NDArray[np.float64]) -> bool:
+        """Return whether the robot moved far (x m, y m, heading rad) in an unusually long pause."""
+        usual_s = float(np.median(self._pauses_s)) if len(self._pauses_s) == PAUSES else 0.0
+        is_long = pause_s >= max(GAP_S, GAP_PAUSES * usual_s)
+        return bool(is_long and np.hypot(step[0], step[1]) >= GAP_M)
 
     def _begin_at(self, guess: NDArray[np.float64]) -> None:
         """Match only the sweeps from here on, because the robot was not found on the map before."""
@@ -391,8 +412,3 @@ class GridMapper:
 
     def _robot(self, laser: NDArray[np.float64]) -> NDArray[np.float64]:
         return compose(laser, relative(self.laser_pose, NOWHERE))
-
-
-def _is_gap(pause_s: float, step: NDArray[np.float64]) -> bool:
-    """Return whether the robot moved far (x m, y m, heading rad) in a long pause between two sweeps."""
-    return bool(pause_s >= GAP_S and np.hypot(step[0], step[1]) >= GAP_M)

@@ -7,7 +7,7 @@ reference is clutter, the distance counts in all directions. Both are cases of S
 as a prior.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,8 @@ COARSE_DISTANCE_M, FINE_DISTANCE_M = 0.3, 0.15  # to a point's partner, in the f
 NARROWING = 0.7
 MOST_ROUNDS = 20
 SETTLED = 1e-3  # m and rad alike
-MATCH_TRUST = 0.1  # the errors of one sweep's points are correlated, so they count as fewer points
+MATCH_TRUST = 0.2  # the errors of one sweep's points are correlated, so they count as fewer points
+NORMAL_NOISE = 0.05  # rad; along a bare wall, this noise of its normals looks like knowledge
 STEADY = 1e-3 * np.eye(3)  # keeps a sweep without partners at its guess
 
 
@@ -36,11 +37,14 @@ class Match:
         pose: x (m), y (m), heading (rad) in the reference's frame.
         information: `(3, 3)`, inverse covariance of the pose by the sweep alone, in the reference's frame.
         on_surface: `(N,) bool`, which of the sweep's points lie on a surface of the reference.
+        known: For each axis of the pose itself, the share of what is known of it that comes from the sweep;
+            the rest is odometry's.
     """
 
     pose: NDArray[np.float64]
     information: NDArray[np.float64]
     on_surface: NDArray[np.bool_]
+    known: NDArray[np.float64] = field(default_factory=lambda: np.ones(3))
 
 
 class ScanMatcher:
@@ -71,7 +75,7 @@ class ScanMatcher:
         pose = np.array(guess, float)
         distance_m = COARSE_DISTANCE_M
         for _ in range(MOST_ROUNDS):
-            information, pull, on_surface = self._linearised(sweep, pose, distance_m)
+            information, feigned, pull, on_surface = self._linearised(sweep, pose, distance_m)
             hessian = information + STEADY
             if prior is not None and prior_information is not None:
                 off = np.asarray(prior, float) - pose
@@ -83,12 +87,15 @@ class ScanMatcher:
                 break
             distance_m = max(FINE_DISTANCE_M, NARROWING * distance_m)
         pose[2] = wrap_angle(pose[2])
-        return Match(pose, MATCH_TRUST * information, on_surface)
+        return Match(pose, _at_least_zero(information - feigned), on_surface)
 
     def _linearised(
         self, sweep: SurfacePoints, pose: NDArray[np.float64], distance_m: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        """Return Hessian and negative gradient of weighted squared distances; which points have partners."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Return Hessian, what noise of the normals adds to it, negative gradient; the points with partners.
+
+        The Hessian and the gradient are those of weighted squared distances.
+        """
         arms, facing = rotate(pose[2], sweep.points), rotate(pose[2], sweep.normals)
         points = arms + pose[:2]
         apart, nearest = self._tree.query(points, distance_upper_bound=distance_m)
@@ -99,7 +106,8 @@ class ScanMatcher:
         partners = found & (clutter | (np.einsum("ni,ni->n", normals, facing) > SAME_SIDE))
         stiffness = self._stiffness[nearest]
         squared = np.einsum("ni,nij,nj->n", off, stiffness, off)
-        stiffness = stiffness * (partners / (1 + squared))[:, None, None]
+        weight = MATCH_TRUST * partners / (1 + squared)
+        stiffness = stiffness * weight[:, None, None]
         # A point's derivative by the pose: the identity by x and y, across its arm by the heading.
         moves = np.zeros((len(points), 2, 3))
         moves[:, 0, 0] = moves[:, 1, 1] = 1
@@ -107,4 +115,15 @@ class ScanMatcher:
         stiff_moves = stiffness @ moves
         hessian = np.einsum("nia,nib->ab", moves, stiff_moves)
         pull = np.einsum("nia,ni->a", stiff_moves, off)
-        return hessian, pull, partners & (squared < ON_SURFACE)
+        moves *= (NORMAL_NOISE / SURFACE_NOISE_M * np.sqrt(weight * ~clutter))[:, None, None]
+        feigned = np.einsum("nia,nib->ab", moves, moves)
+        return hessian, feigned, pull, partners & (squared < ON_SURFACE)
+
+
+def _at_least_zero(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the nearest information that no direction has less than none of."""
+    # Metres and radians differ, so look at each axis in units of its own.
+    unit = 1 / np.sqrt(np.maximum(np.diag(information), 1e-6))
+    values, vectors = np.linalg.eigh(information * unit * unit[:, None])
+    positive: NDArray[np.float64] = (vectors * np.maximum(values, 0.0)) @ vectors.T / unit / unit[:, None]
+    return positive

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.mapping.correlative_search import ScoreField, SearchWindow, search
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.odometry_noise import OdometryNoise
 from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
 from robbie_robots.workers.planar_pose import compose, rotated_information
 
@@ -27,10 +28,14 @@ class ScanTracker:
 
     Args:
         keys: The map's sweeps; call `forget` when they change.
+
+    Attributes:
+        noise: How far odometry may be off.
     """
 
     def __init__(self, keys: KeySweeps) -> None:
         self._keys = keys
+        self.noise = OdometryNoise()
         self._reference: tuple[ScoreField, ScanMatcher] | None = None
         self._begin_m = -np.inf
 
@@ -65,7 +70,7 @@ class ScanTracker:
         Returns:
             The match, map frame; its information includes that of odometry.
         """
-        deviation = odometry_deviation(step)
+        deviation = self.noise.deviation(step)
         guess = compose(before, step)
         field, matcher = self._recent()
         window = SearchWindow(
@@ -79,7 +84,9 @@ class ScanTracker:
         start = guess if found is None else found.pose
         prior = rotated_information(np.diag(deviation**-2.0), guess[2])
         match = matcher.refine(hits, start, guess, prior)
-        return replace(match, information=match.information + prior)
+        return replace(
+            match, information=match.information + prior, known=_known(match.information, prior, guess)
+        )
 
     def _recent(self) -> tuple[ScoreField, ScanMatcher]:
         if self._reference is None:
@@ -89,12 +96,13 @@ class ScanTracker:
         return self._reference
 
 
-def odometry_deviation(step: ArrayLike) -> NDArray[np.float64]:
-    """Return the standard deviation of wheel odometry over a step (x m, y m, heading rad).
-
-    It is roughly a tenth of the motion plus some slip, so that it also holds for an uncalibrated robot.
-    """
-    dx, dy, turn = np.abs(np.asarray(step, float))
-    distance = float(np.hypot(dx, dy))
-    across = 0.03 + 0.1 * distance + 0.05 * turn
-    return np.array([across, across, 0.02 + 0.05 * distance + 0.1 * turn])
+def _known(
+    by_match: NDArray[np.float64], by_odometry: NDArray[np.float64], pose: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return for each axis of a pose the share of what is known of it that comes from the match."""
+    prior, both = (
+        np.diag(np.linalg.inv(rotated_information(information, -pose[2])))
+        for information in (by_odometry, by_odometry + by_match)
+    )
+    known: NDArray[np.float64] = 1 - both / prior
+    return known
