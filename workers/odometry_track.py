@@ -73,6 +73,11 @@ class OdometryTrack:
         steps = relative(rows[:-1, 1:], rows[1:, 1:])
         return np.array([np.hypot(steps[:, 0], steps[:, 1]).sum(), 0.0, np.abs(steps[:, 2]).sum()])
 
+    def longest_pause_s(self, begin: float, end: float) -> float:
+        """Return the longest time between two successive entries from one position to another, s."""
+        first, last = int(np.floor(begin)) - self.log.forgotten, int(np.ceil(end)) - self.log.forgotten
+        return float(np.diff(self.log.rows[max(first, 0) : last + 1, 0]).max(initial=0.0))
+
     def is_in_pause(self, place: TrackMoment, least_m: float, least_rad: float) -> bool:
         """Return whether a place lies in a pause of the odometry in which the robot moved.
 

@@ -54,7 +54,7 @@ class SurfacePoints:
     def filled(self) -> "SurfacePoints":
         """Add points in the gaps of walls on which successive beams are far apart.
 
-        Otherwise, the ends of beams that graze a wall look like things that stand there and go with the robot.
+        Otherwise, the ends of beams that graze a wall look like things that go along with the robot.
         """
         gap = np.diff(self.points, axis=0)
         gap_m = np.hypot(gap[:, 0], gap[:, 1])
@@ -104,7 +104,7 @@ def _normals(points: NDArray[np.float64], ranges: NDArray[np.float64]) -> NDArra
 
 
 def _grazed(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the normals of walls at which the beams graze, in the middle of `GRAZING` points; else zero."""
+    """Return the normals of walls at which the beams graze, for each of `GRAZING` points; else zero."""
     normals = np.zeros_like(points)
     if len(points) < GRAZING:
         return normals
@@ -115,5 +115,7 @@ def _grazed(points: NDArray[np.float64]) -> NDArray[np.float64]:
     off = groups[is_even] - groups[is_even].mean(axis=2, keepdims=True)
     spread, axes = np.linalg.eigh(np.einsum("mik,mjk->mij", off, off) / GRAZING)
     is_line = (spread[:, 0] < GRAZING_NOISE_M**2) & (spread[:, 0] < FLATNESS**2 * spread[:, 1])
-    normals[np.flatnonzero(is_even)[is_line] + GRAZING // 2] = axes[is_line, :, 0]
+    first = np.flatnonzero(is_even)[is_line]
+    for place in np.argsort(-np.abs(np.arange(GRAZING) - GRAZING // 2), kind="stable"):  # the middle last
+        normals[first + place] = axes[is_line, :, 0]
     return normals

@@ -33,7 +33,14 @@ KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next
 FEWEST_HITS = 20
 THINNED = 0.1  # share of the key sweeps removed at a time
 GAP_S, GAP_M = 2.0, 2.0  # a pause between two sweeps in which the robot moved this far is a gap
-PAUSES, GAP_PAUSES = 15, 3.0  # of the newest pauses, the median; a gap is this many times longer
+SILENCE_S = 2.0  # a pause of odometry, too, in which the robot may have been carried, is a gap as well
+PAUSES, FEWEST_PAUSES, GAP_PAUSES = (
+    15,
+    3,
+    3.0,
+)  # of the newest pauses, the median; a gap is this many times longer
+GAP_KNOWN = 0.5  # share of what is known of each axis after it that must come from the sweep
+CARRIED = np.array([1.5, 1.5, 0.3])  # m, m, rad: of a robot that may have been carried while nothing was told
 GAP_OVERLAP = 0.4  # share of the returns after it that must lie on known surfaces
 MOST_WAITING = 10  # sweeps that wait for their odometry
 PATIENCE = 5  # odometry messages a sweep waits for one at its own stamp
@@ -107,7 +114,7 @@ class GridMapper:
         self._anchors = RowLog(8, self.limits.odometry)
         self._waiting: deque[_WaitingSweep] = deque()
         self._pauses_s: deque[float] = deque(maxlen=PAUSES)  # between the newest sweeps
-        self._newest = (np.inf, NOWHERE)  # stamp of the newest sweep (s), and its pose by odometry
+        self._newest = (np.inf, NOWHERE, 0.0)  # newest sweep: stamp (s), pose and place by odometry
 
     def add_odometry(self, stamp_s: float, pose: ArrayLike) -> None:
         """Add an odometry pose (x m, y m, heading rad; odometry frame)."""
@@ -228,7 +235,7 @@ class GridMapper:
             "refused": dict(self.refused),
             "thinned": self.thinned,
             "gaps": {"noticed": self.gaps_noticed, "open": self.gaps_open},
-            "newest": np.array([self._newest[0], *self._newest[1]]),
+            "newest": np.array([self._newest[0], *self._newest[1], self._newest[2]]),
             "odometry": self._odometry.log.state(),
             "anchors": self._anchors.state(),
             "keys": self._keys.state(),
@@ -253,7 +260,8 @@ class GridMapper:
         gaps = state.get("gaps", {"noticed": 0, "open": 0})
         mapper.gaps_noticed, mapper.gaps_open = gaps["noticed"], gaps["open"]
         if "newest" in state:
-            mapper._newest = float(state["newest"][0]), np.array(state["newest"][1:])
+            stamp_s, *pose, position = [*state["newest"], 0.0][:5]
+            mapper._newest = float(stamp_s), np.array(pose), float(position)
         mapper._odometry.log.restore(state["odometry"])
         mapper._anchors.restore(state["anchors"])
         mapper._keys.restore(state["keys"])
@@ -288,16 +296,15 @@ class GridMapper:
     def _use(self, stamp_s: float, sweep: LaserSweep, place: TrackMoment) -> None:
         """Match a sweep and anchor the trajectory at it."""
         odometry = self._laser(place.pose)
-        since = stamp_s - self._newest[0], relative(self._newest[1], odometry)
-        self._newest = stamp_s, odometry
-        if np.isfinite(since[0]):
-            self._pauses_s.append(since[0])
+        is_gap = self._is_gap(stamp_s, odometry, place.position)
+        self._newest = stamp_s, odometry, place.position
         if not len(self._keys):
             self._anchor(place, odometry, self._keys.add(sweep, odometry), NOWHERE)
             return
         last = self._anchors.rows[-1]
         step = relative(last[1:4], odometry)
-        if place.position < last[0] or (np.hypot(step[0], step[1]) < HARDLY_M and abs(step[2]) < HARDLY_RAD):
+        has_moved = np.hypot(step[0], step[1]) >= HARDLY_M or abs(step[2]) >= HARDLY_RAD
+        if place.position < last[0] or not (has_moved or is_gap):
             return
         if len(self._keys) >= self.limits.key_sweeps:
             self._thin()
@@ -305,18 +312,22 @@ class GridMapper:
         if len(self._keys) >= self.limits.key_sweeps:
             self.refused["sweeps beyond the limit of key sweeps"] += 1
             return
-        noticed = self._slips.noticed
-        if self._is_gap(*since):
+        noticed, parts = self._slips.noticed, self._parts
+        if is_gap:
             match = self._match_after_gap(sweep, self._corrected(last), step, (last[0], place.position))
         else:
-            match = self._checked_match(sweep, self._corrected(last), step)
+            deviation = self._tracker.noise.deviation(step)
+            match = self._checked_match(sweep, self._corrected(last), step, deviation)
             if match is not None and self._slips.noticed == noticed:
                 self._tracker.noise.learn(step, relative(self._corrected(last), match.pose), match.known)
+            else:
+                self._tracker.noise.interrupt()
         if match is None:
             return
         base = len(self._keys) - 1
         offset = relative(self._keys.poses[base], match.pose)
-        if np.hypot(offset[0], offset[1]) < KEY_M and abs(offset[2]) < KEY_RAD:
+        is_near = np.hypot(offset[0], offset[1]) < KEY_M and abs(offset[2]) < KEY_RAD
+        if is_near and self._parts == parts:
             self._anchor(place, odometry, base, offset)
             return
         information = rotated_information(match.information, -self._keys.poses[base, 2])
@@ -327,15 +338,19 @@ class GridMapper:
         self._tracker.forget()
 
     def _checked_match(
-        self, sweep: LaserSweep, before: NDArray[np.float64], step: NDArray[np.float64]
+        self,
+        sweep: LaserSweep,
+        before: NDArray[np.float64],
+        step: NDArray[np.float64],
+        deviation: NDArray[np.float64],
     ) -> Match | None:
         """Match a sweep. Return None if it does not fit the map, as after a slip of odometry."""
         guess, given_up = compose(before, step), self._slips.not_undone
         match = self._slips.checked(
             sweep,
             guess,
-            self._tracker.noise.deviation(step),
-            self._tracker.match(sweep, before, step),
+            deviation,
+            self._tracker.match(sweep, before, step, deviation),
             self._tracker.reference(),
         )
         if self._slips.not_undone > given_up:
@@ -353,26 +368,44 @@ class GridMapper:
 
         Where the map knows nothing of what the sweep shows, take odometry's word for it.
         """
-        guess, deviation = (
-            compose(before, step),
-            self._tracker.noise.deviation(self._odometry.moved(*positions)),
-        )
+        guess, moved = compose(before, step), self._odometry.moved(*positions)
+        deviation = self._tracker.noise.deviation(moved)
+        if self._odometry.longest_pause_s(*positions) >= SILENCE_S:
+            deviation = np.maximum(deviation, CARRIED)
         self.gaps_noticed += 1
         match = self._slips.bridged(sweep, guess, deviation)
         if match is not None:
             return match
-        match = self._checked_match(sweep, before, step)
-        if match is None or not self.is_certain or match.on_surface.mean() >= GAP_OVERLAP:
+        match = self._checked_match(sweep, before, step, deviation)
+        if match is None or not self.is_certain:
             return match
-        self.gaps_open += 1
+        overlaps = match.on_surface.mean() >= GAP_OVERLAP
+        self.gaps_open += not overlaps or match.known.min() < GAP_KNOWN
+        if overlaps:
+            return match
         self._begin_at(guess)
         return replace(match, pose=guess, information=np.diag(deviation**-2.0))
 
-    def _is_gap(self, pause_s: float, step: NDArray[np.float64]) -> bool:
-        """Return whether the robot moved far (x m, y m, heading rad) in an unusually long pause."""
-        usual_s = float(np.median(self._pauses_s)) if len(self._pauses_s) == PAUSES else 0.0
-        is_long = pause_s >= max(GAP_S, GAP_PAUSES * usual_s)
-        return bool(is_long and np.hypot(step[0], step[1]) >= GAP_M)
+    def _is_gap(self, stamp_s: float, odometry: NDArray[np.float64], position: float) -> bool:
+        """Return whether a new sweep comes after an unusually long pause, and the robot may be elsewhere.
+
+        It moved far by odometry, or odometry told nothing of it, too.
+        """
+        pause_s = stamp_s - self._newest[0]
+        if not np.isfinite(pause_s):
+            return False
+        usual_s = float(np.median(self._pauses_s)) if len(self._pauses_s) >= FEWEST_PAUSES else 0.0
+        self._pauses_s.append(pause_s)
+        if pause_s < GAP_PAUSES * usual_s:
+            return False
+        step = relative(self._newest[1], odometry)
+        is_silent = self._odometry.longest_pause_s(self._newest[2], position) >= SILENCE_S
+        return bool(is_silent or (pause_s >= GAP_S and np.hypot(step[0], step[1]) >= GAP_M))
+
+    @property
+    def _parts(self) -> int:
+        """Number of parts of the map that only odometry joined when they began."""
+        return self.gaps_open + self._slips.not_undone
 
     def _begin_at(self, guess: NDArray[np.float64]) -> None:
         """Match only the sweeps from here on, because the robot was not found on the map before."""

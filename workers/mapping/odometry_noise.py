@@ -3,8 +3,8 @@
 At first odometry counts as that of an uncalibrated robot. With each stretch of the way, the variance of its
 error is averaged anew, for each axis apart: along, across, and in heading. A match counts only for an axis on
 which it says more than odometry does, and by as much: otherwise a robot in a bare corridor would find its
-odometry perfect. This is in outline the adaptive estimation of Mehra, "On the identification of variances and adaptive
-Kalman filtering" (1970), with errors cut off (Huber).
+odometry perfect. In outline, this is the adaptive estimation of Mehra, "On the identification of variances
+and adaptive Kalman filtering" (1970), with errors cut off (Huber).
 """
 
 from collections.abc import Mapping

@@ -7,14 +7,14 @@ reference is clutter, the distance counts in all directions. Both are cases of S
 as a prior.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from robbie_robots.workers.laser.surface_points import SurfacePoints
-from robbie_robots.workers.planar_pose import rotate, wrap_angle
+from robbie_robots.workers.planar_pose import rotate, rotated_information, wrap_angle
 
 SURFACE_NOISE_M = 0.03
 CLUTTER_NOISE_M = 0.06
@@ -25,7 +25,7 @@ NARROWING = 0.7
 MOST_ROUNDS = 20
 SETTLED = 1e-3  # m and rad alike
 MATCH_TRUST = 0.2  # the errors of one sweep's points are correlated, so they count as fewer points
-NORMAL_NOISE = 0.05  # rad; along a bare wall, this noise of its normals looks like knowledge
+NORMAL_NOISE = 0.06  # rad; along a bare wall, this noise of its normals looks like knowledge
 STEADY = 1e-3 * np.eye(3)  # keeps a sweep without partners at its guess
 
 
@@ -45,6 +45,28 @@ class Match:
     information: NDArray[np.float64]
     on_surface: NDArray[np.bool_]
     known: NDArray[np.float64] = field(default_factory=lambda: np.ones(3))
+
+    def fused(self, guess: NDArray[np.float64], deviation: NDArray[np.float64]) -> "Match":
+        """Let odometry decide what a match by the sweep alone leaves open.
+
+        Args:
+            guess: The pose by odometry, in the reference's frame.
+            deviation: Odometry's standard deviation along, across (m), and in heading (rad).
+        """
+        prior = rotated_information(np.diag(deviation**-2.0), guess[2])
+        off = guess - self.pose
+        off[2] = wrap_angle(off[2])
+        pose = self.pose + np.linalg.solve(self.information + prior, prior @ off)
+        pose[2] = wrap_angle(pose[2])
+        return replace(self, pose=pose).informed(prior)
+
+    def informed(self, prior: NDArray[np.float64]) -> "Match":
+        """Return the match with the information of odometry, in the reference's frame, besides its own."""
+        both = self.information + prior
+        alone, together = (
+            np.diag(np.linalg.inv(rotated_information(one, -self.pose[2]))) for one in (prior, both)
+        )
+        return replace(self, information=both, known=1 - together / alone)
 
 
 class ScanMatcher:

@@ -1,7 +1,5 @@
 """Follow the robot from sweep to sweep by matching each against the key sweeps just before it."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -59,18 +57,20 @@ class ScanTracker:
         """Choose new reference sweeps for the next match, because the map has changed."""
         self._reference = None
 
-    def match(self, sweep: LaserSweep, before: ArrayLike, step: ArrayLike) -> Match:
+    def match(
+        self, sweep: LaserSweep, before: ArrayLike, step: ArrayLike, deviation: NDArray[np.float64]
+    ) -> Match:
         """Find where a sweep was taken.
 
         Args:
             sweep: The sweep.
             before: Pose of the sweep before it, map frame.
             step: Odometry's motion since, in the frame of `before`.
+            deviation: Odometry's standard deviation over the step.
 
         Returns:
             The match, map frame; its information includes that of odometry.
         """
-        deviation = self.noise.deviation(step)
         guess = compose(before, step)
         field, matcher = self._recent()
         window = SearchWindow(
@@ -83,10 +83,7 @@ class ScanTracker:
         found = search(field, hits.points, guess, window)
         start = guess if found is None else found.pose
         prior = rotated_information(np.diag(deviation**-2.0), guess[2])
-        match = matcher.refine(hits, start, guess, prior)
-        return replace(
-            match, information=match.information + prior, known=_known(match.information, prior, guess)
-        )
+        return matcher.refine(hits, start, guess, prior).informed(prior)
 
     def _recent(self) -> tuple[ScoreField, ScanMatcher]:
         if self._reference is None:
@@ -94,15 +91,3 @@ class ScanTracker:
             field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, MOST_REACH_M)
             self._reference = field, ScanMatcher(surfaces)
         return self._reference
-
-
-def _known(
-    by_match: NDArray[np.float64], by_odometry: NDArray[np.float64], pose: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return for each axis of a pose the share of what is known of it that comes from the match."""
-    prior, both = (
-        np.diag(np.linalg.inv(rotated_information(information, -pose[2])))
-        for information in (by_odometry, by_odometry + by_match)
-    )
-    known: NDArray[np.float64] = 1 - both / prior
-    return known

@@ -23,6 +23,7 @@ from robbie_robots.workers.planar_pose import relative, transform_points, wrap_a
 SUSPECT = 0.9  # share of the returns in known space that lie on surfaces, below which a better pose is sought
 DOUBTFUL = 0.7  # the same: a sweep below does not fit
 CLEARLY_BETTER = 0.15  # a pose found elsewhere must agree or overlap by this much more
+CONVINCING = 0.5  # share of the returns on surfaces, without which a match does not overrule odometry
 LEAST_AGREEMENT = 0.85
 MOST_MISSING = 0.1  # share of the map's surfaces around the robot that the sweep looked through
 WINDOWS = ((1.5, 0.4, 0.5), (3.0, np.pi, 0.8))  # searched in turn: m, rad, least share of returns on surfaces
@@ -119,7 +120,7 @@ class SlipWatch:
                 if found is not None and is_only:
                     self.noticed += 1
                     self._forget()
-                    return replace(found, information=found.information + np.diag(SLIP_DEVIATION**-2.0))
+                    return found.fused(guess, SLIP_DEVIATION)
                 if found is not None and self.lost < MOST_LOST:
                     self.lost += 1
                     self._undecided.append(_Undecided(guess, sweep))
@@ -127,8 +128,12 @@ class SlipWatch:
                 if agreement >= DOUBTFUL and not self._undecided:
                     break
         if agreement >= DOUBTFUL and not self._undecided:
-            self.noticed += _is_strained(guess, SLIP_DEVIATIONS * deviation, match)
+            has_slipped = _is_strained(guess, SLIP_DEVIATIONS * deviation, match)
+            self.noticed += has_slipped
             self._forget()
+            if has_slipped and match.on_surface.mean() < CONVINCING:
+                self.not_undone += 1
+                return replace(match, pose=guess, information=np.diag(SLIP_DEVIATION**-2.0))
             return match
         self.lost += 1
         if self.lost <= MOST_LOST:
@@ -157,7 +162,7 @@ class SlipWatch:
         found, is_only = self._found(sweep, guess, window, GAP_OVERLAP)
         if found is None or not is_only:
             return None
-        return replace(found, information=found.information + np.diag(SLIP_DEVIATION**-2.0))
+        return found.fused(guess, deviation)
 
     def _forget(self) -> None:
         """The robot has a place on the map again."""
@@ -205,7 +210,7 @@ class SlipWatch:
             better = max(agrees - agreement, overlap - other.on_surface.mean())
             if agrees < agreement or better < CLEARLY_BETTER:
                 return (match, False) if is_strained and not is_same else (None, False)
-        best = Around(found.pose, RIVAL_M, RIVAL_RAD)
+        best = Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD)
         least = max(LEAST_SCORE, found.score - 2 * RIVAL_WORSE)
         second = search(field, hits.points, guess, window, least, best)
         if second is not None:
