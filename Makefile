@@ -17,7 +17,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/bus/_hot/*.[ch])
 
-.PHONY: demo team test test-all test-slow test-alone test-pure test-arm64 ros lint types docs bench clean
+.PHONY: demo team test test-all test-slow test-alone test-exhaustive test-pure test-arm64 ros lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
@@ -37,6 +37,10 @@ test-slow: .venv/dev
 # These require that something takes little time, so each has the machine for itself.
 test-alone: .venv/dev
 	$(PYTEST) -q -m alone --durations 5
+
+# Before a release: every case of the tests of which `make test-all` tries a sample. It takes hours.
+test-exhaustive: .venv/dev
+	$(PYTEST) -q -m 'slow and not alone' --exhaustive $(PARALLEL) --dist worksteal
 
 # The tests of the hot path, of which there are two forms, with the one in Python.
 test-pure: .venv/dev

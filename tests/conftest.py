@@ -27,13 +27,34 @@ SLOW_TIMEOUT_S = 600
 """Tests that try all kill points take 20 s, and ten times as long on a machine that does much else."""
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark the tests of the slow folders; give slow ones time where other programs use the processors."""
+    if not config.getoption("--exhaustive"):
+        leave_out_cases(config, items)
     for item in items:
         if any(item.path.is_relative_to(folder) for folder in SLOW_FOLDERS):
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
+
+
+def leave_out_cases(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Of each test that is `sampled`, keep as many cases as it says, among them the first."""
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("sampled"):
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    left_out = set[pytest.Item]()
+    for tried in cases.values():
+        count = min(sample_size(tried[0]), len(tried))
+        kept = {number * len(tried) // count for number in range(count)}
+        left_out |= {item for number, item in enumerate(tried) if number not in kept}
+    items[:] = [item for item in items if item not in left_out]
+    config.hook.pytest_deselected(items=list(left_out))
+
+
+def sample_size(item: pytest.Item) -> int:
+    return next(int(mark.args[0]) for mark in item.iter_markers("sampled"))
 
 
 def pytest_unconfigure() -> None:
@@ -43,7 +64,11 @@ def pytest_unconfigure() -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Let a test that tries many cases try all of them."""
-    parser.addoption("--exhaustive", action="store_true", help="all kill points, 2,000 cuts of a log")
+    parser.addoption(
+        "--exhaustive",
+        action="store_true",
+        help="all cases, all kill points, 2,000 cuts of a log",
+    )
 
 
 @pytest.fixture(autouse=True, scope="session")

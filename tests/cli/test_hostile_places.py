@@ -167,6 +167,7 @@ def test_every_command_ends_well_where_all_is_well(well: dict[str, dict[str, Any
     assert not faults(well)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("first", "output"), [(0, "full"), (1, "closed"), (2, "broken")])
 def test_output_that_cannot_be_written_is_a_failure(
     place: Place, well: dict[str, dict[str, Any]], tmp_path: Path, first: int, output: str
@@ -183,6 +184,7 @@ def test_deleted_working_directory(place: Place, tmp_path: Path) -> None:
     assert not faults(done(place, third(place.commands(), 0), folder=tmp_path / "gone", gone=True))
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("first", "home"), [(1, None), (2, "/proc/none")])
 def test_home_that_is_unset_or_cannot_be_written(
     place: Place, tmp_path: Path, first: int, home: str | None
@@ -191,6 +193,7 @@ def test_home_that_is_unset_or_cannot_be_written(
     assert not faults(done(place, third(place.commands(), first), folder=tmp_path, environment=environment))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("kind", "use"),
     [*((kind, "bad_input") for kind in ("directory", "fifo", "unreadable")), ("fifo", "bad_output")],

@@ -24,8 +24,6 @@ from tests._support.sources import copy_sources
 pytestmark = pytest.mark.slow
 
 LIMIT_S = 150.0
-ALWAYS = ("demo", "rescue", "spoken")
-"""The stock robots that are always started from the wheel."""
 USER_CODE = """
 from robbie_mp import Module, setting
 from robbie_robots.hw.rplidar.laser import RpLidar
@@ -176,13 +174,11 @@ def states_of(run_id: str, folder: Path) -> set[str]:
     return {row["state"] for row in rows}
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", EXTRAS)
 def test_stock_robot_runs_in_an_empty_folder_with_only_the_wheel_installed(
-    name: str, program: Path, tmp_path: Path, pytestconfig: pytest.Config
+    name: str, program: Path, tmp_path: Path
 ) -> None:
-    """With --exhaustive, every one."""
-    if name not in ALWAYS and not pytestconfig.getoption("--exhaustive"):
-        pytest.skip("is tried with --exhaustive")
     link_what_the_wheel_needs(site_of(program.parent), EXTRAS[name].split(","))
     (folder := tmp_path / "empty").mkdir()
     command = ["robbie", "run", f"robbie:{name}", "--quiet"]

@@ -7,6 +7,7 @@ import pytest
 from tests.hw._support.every_driver import TRIALS, replug
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TRIALS)
 def test_driver_is_back_after_a_replug(name: str, tmp_path: Path) -> None:

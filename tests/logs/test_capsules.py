@@ -36,6 +36,7 @@ def capsules(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return found
 
 
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("name", [*crash_zoo.KINDS])
 def test_crash_is_replayed_at_the_same_line(capsules: dict[str, Path], name: str) -> None:
     path = capsules[name]

@@ -44,6 +44,7 @@ def inputs(harness: ModuleHarness[Module]) -> list[tuple[ChannelName, type[Messa
     ]
 
 
+@pytest.mark.sampled(20)
 @pytest.mark.slow
 @pytest.mark.parametrize("class_path", sorted(modules()))
 def test_module_survives_every_damaged_field(

@@ -34,6 +34,7 @@ class Misspells(Module):
 """
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--quiet",)], ids=["all", "quiet"])
 @pytest.mark.parametrize(

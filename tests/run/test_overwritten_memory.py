@@ -28,9 +28,6 @@ Figures = dict[str, dict[str, Any]]
 
 @pytest.fixture(params=["0", "1"], ids=["c", "python"])
 def pure_python(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the hot path in Python only with --exhaustive."""
-    if request.param == "1" and not request.config.getoption("--exhaustive"):
-        pytest.skip("is tried with --exhaustive")
     monkeypatch.setenv("ROBBIE_PURE_PYTHON", request.param)
 
 
@@ -56,6 +53,7 @@ def check_end(robot: Robot, process: Any, pids: dict[str, int]) -> None:
     assert len(numbers) == robot.journal("pulse")[0]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.slow
 @pytest.mark.usefixtures("pure_python")
 @pytest.mark.parametrize("only", ["", "wakeup", "out", "data", "checkpoint"])
@@ -73,6 +71,7 @@ def test_module_that_fills_its_memory_with_random_bytes_costs_nobody_else(robot:
     check_end(robot, process, pids)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.usefixtures("pure_python")
 def test_modules_that_overwrite_other_places_in_each_life_cost_nobody_else(robot: Robot) -> None:
@@ -86,6 +85,7 @@ def test_modules_that_overwrite_other_places_in_each_life_cost_nobody_else(robot
     check_end(robot, process, pids)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("names", ["out-4-*", "in-4-*", "wakeup-4-*"])
 def test_module_that_truncates_its_memory_costs_nobody_else(robot: Robot, names: str) -> None:
@@ -100,6 +100,7 @@ def test_module_that_truncates_its_memory_costs_nobody_else(robot: Robot, names:
         check_end(robot, process, pids)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["board", "core", "clock", "wakeup-core", "out-0-1", "in-0-1", "wakeup-0-1"])
 def test_run_whose_own_memory_is_truncated_ends_with_the_reason(robot: Robot, name: str) -> None:
@@ -116,6 +117,7 @@ def test_run_whose_own_memory_is_truncated_ends_with_the_reason(robot: Robot, na
     )
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["board", "core"])
 def test_command_ends_in_order_when_the_memory_that_it_reads_is_truncated(robot: Robot, name: str) -> None:
@@ -136,6 +138,7 @@ def test_command_ends_in_order_when_the_memory_that_it_reads_is_truncated(robot:
     assert Ended.wait_for(process).exit_code == 1
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.slow
 @pytest.mark.parametrize("damage", [cut, Path.unlink, replace_by_folder])
 @pytest.mark.parametrize("kind", ["out", "in", "wakeup", "data"])

@@ -183,6 +183,7 @@ def test_module_at_a_breakpoint_is_reloaded(reloading: Robot) -> None:
     shows(reloading, "2 0")
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
 def test_spare_that_dies_or_hangs_at_the_import_is_replaced(reloading: Robot, signum: int) -> None:

@@ -114,6 +114,7 @@ def test_chunk_that_decompresses_to_a_gigabyte_is_refused(
     assert ended.peak_bytes - idle_bytes < 1.2 * READ_LIMITS.chunk_bytes
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(
     "words",
     [["recording repair"], ["export", "OUT"], ["diff", "SAME"], ["play"]],

@@ -120,6 +120,7 @@ def test_logs_with_hostile_texts_print_plainly(reader: Reader, tmp_path: Path) -
     reader.run("recording", "repair", str(cut), may_have_lines=True)
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"run", "completion", "new"}))
 def test_errors_that_quote_hostile_texts_are_plain(
     command: str, reader: Reader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -247,6 +248,7 @@ def test_runs_with_hostile_modules_print_plainly(
             assert not obeyed(file.read_text()), f"{file} holds what terminals obey"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("words", [(), ("--quiet",)])
 def test_run_with_hostile_modules_shows_them_plainly(robot: Robot, words: tuple[str, ...]) -> None:
     (robot.folder / "zoo" / "hostile.py").write_text(MODULES.read_text())

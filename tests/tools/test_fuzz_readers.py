@@ -12,7 +12,7 @@ from tools.fuzz.readers.campaign import Files, ReaderUnderTest, damaged_input, r
 from tools.fuzz.readers.mutation import mutated
 from tools.fuzz.readers.subjects import subjects
 
-DAMAGED_BYTES = 30_000
+DAMAGED_BYTES = 10_000
 
 
 @pytest.mark.slow

@@ -269,6 +269,7 @@ def play(
     return history
 
 
+@pytest.mark.sampled(18)
 @pytest.mark.parametrize("number", range(len(SETTINGS)), ids=["roomy", "short queues", "small tables"])
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_core_may_die_before_any_store(
@@ -279,6 +280,7 @@ def test_core_may_die_before_any_store(
     _kill_core(scenario, SETTINGS[number], 0 if is_exhaustive else number, 1 if is_exhaustive else stride)
 
 
+@pytest.mark.sampled(15)
 @pytest.mark.parametrize("number", range(len(LATCHED_SETTINGS)))
 @pytest.mark.parametrize("scenario", (*LATCHED_SCENARIOS, both_dead, stopped_and_started))
 def test_core_of_latched_channel_may_die_before_any_store(
@@ -369,6 +371,7 @@ def test_module_may_die_before_any_store(scenario: Scenario, slot: int) -> None:
     print(f"{scenario.__name__}, module {slot}: {undisturbed.stores} crash points, 0 violations")
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_core_in_lockstep_may_die_before_any_store(scenario: Scenario, pytestconfig: pytest.Config) -> None:
     stores = play(scenario, SETTINGS[0], (), lockstep=True).run.fuse.stores

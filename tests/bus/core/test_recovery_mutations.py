@@ -148,6 +148,7 @@ def test_broken_giving_of_latched_messages_is_noticed(mutation: str, monkeypatch
             play(late_and_short_of_memory, LATCHED_SETTINGS[0], (death,))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("mutation", MUTATIONS)
 def test_broken_recovery_is_noticed(mutation: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -74,6 +74,7 @@ def test_router_stands_any_input(compiler_command: list[str], objects: list[Path
     print(done.stdout)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("defect", PLANTED)
 def test_check_that_is_missing_is_found(

@@ -36,6 +36,7 @@ def test_nothing_gathers(compiler_command: list[str], kept_builds: Path) -> None
     assert done.stdout.count("nothing gathers") == 5
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("defect", PLANTED)

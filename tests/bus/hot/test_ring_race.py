@@ -15,7 +15,7 @@ from tests.bus.hot._support.build import HOT, PROGRAMS, compile_c
 
 PAIRS = ("records", "numbers", "blocks")
 RECORDS = 30_000
-MANY_RECORDS = 300_000
+MANY_RECORDS = 100_000
 RACE_EXIT = 66
 RING = (HOT / "ring.c").read_text()
 FENCES = [match.start() for match in re.finditer(r"\bfence\w*\(\);", RING)]
@@ -71,6 +71,7 @@ def test_rings_protect_memory_of_many_records(
     check_rings(program, MANY_RECORDS)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(FENCES)))
 def test_missing_fence_is_noticed(

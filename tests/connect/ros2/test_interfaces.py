@@ -245,6 +245,7 @@ def test_types_of_a_log_are_written_except_the_stock_ones(
     assert "no definitions of message types" in capsys.readouterr().err
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("distribution", WHEELS)
 def test_every_interface_of_the_wheels_has_the_hash_of_ros(distribution: str) -> None:

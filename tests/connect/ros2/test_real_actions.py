@@ -210,12 +210,14 @@ def test_goal_of_a_node_is_accepted_and_reached_with_feedback(ros: Ros) -> None:
     wait_until(lambda: ros.told("reached")[0]["status"] == SUCCEEDED, 10.0)
 
 
+@pytest.mark.sampled(1)
 def test_goal_that_the_module_refuses_is_not_accepted(ros: Ros) -> None:
     ros.send(refused=-1)
     (told,) = ros.wait_for_ends("refused")
     assert told["is_accepted"] is False
 
 
+@pytest.mark.sampled(1)
 def test_goal_that_the_module_gives_up_is_aborted(ros: Ros) -> None:
     ros.send(hopeless=fibonacci.HOPELESS)
     (told,) = ros.wait_for_ends("hopeless")
@@ -237,6 +239,7 @@ def test_many_goals_run_at_once_and_one_of_them_is_cancelled(ros: Ros) -> None:
     assert ros.wait_for_ends("second")[0]["end"] == [CANCELED, []]
 
 
+@pytest.mark.sampled(1)
 def test_goal_is_aborted_when_its_module_dies_and_the_next_one_is_served(ros: Ros) -> None:
     ros.send(orphan=fibonacci.ENDLESS)
     ros.wait_for_feedback("orphan")
@@ -246,6 +249,7 @@ def test_goal_is_aborted_when_its_module_dies_and_the_next_one_is_served(ros: Ro
     assert ros.wait_for_ends("next")[0]["end"][0] == SUCCEEDED
 
 
+@pytest.mark.sampled(1)
 def test_goals_end_when_the_bridge_dies_and_the_next_bridge_serves(ros: Ros) -> None:
     ros.send(lost=fibonacci.ENDLESS)
     ros.wait_for_feedback("lost")
@@ -264,6 +268,7 @@ def test_goals_end_when_the_bridge_dies_and_the_next_bridge_serves(ros: Ros) -> 
     wait_until(is_served_again, 30.0)
 
 
+@pytest.mark.sampled(1)
 def test_goal_of_a_node_that_dies_goes_on_until_another_node_cancels_all(ros: Ros, tmp_path: Path) -> None:
     with ros_node(ros.distribution, ros.domain, tmp_path) as other:
         assert other.run(CLIENT)
@@ -276,6 +281,7 @@ def test_goal_of_a_node_that_dies_goes_on_until_another_node_cancels_all(ros: Ro
     ros.robot.until(lambda figures: figures["rabbits"]["status"] == "0 at work")
 
 
+@pytest.mark.sampled(1)
 def test_too_many_goals_are_refused_and_counted(ros: Ros) -> None:
     is_accepted: list[bool] = []
     for number in range(9):  # a client keeps ten responses
@@ -311,6 +317,7 @@ def test_module_sends_goals_to_a_node(ros: Ros, call: Callable[[int], Call]) -> 
     second.end()
 
 
+@pytest.mark.sampled(1)
 def test_node_that_is_killed_ends_its_goals_and_the_next_node_serves(
     ros: Ros, tmp_path: Path, call: Callable[[int], Call]
 ) -> None:

@@ -58,6 +58,7 @@ threading.Thread(target=simulate, daemon=True).start()
 NOW = "result = state['at']"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("distribution", DISTRIBUTIONS)
 def test_modules_live_in_the_time_of_a_simulator(robot: Robot, tmp_path: Path, distribution: str) -> None:
     (robot.folder / "zoo" / "clockwork.py").write_text(CLOCKWORK)

@@ -44,6 +44,7 @@ def log_of(station: Station) -> str:
     return station.robot.log("operator")
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("path", ["/", "/login", "/nothing", "/pictures/camera/x"])
 @pytest.mark.parametrize("is_logged_in", [False, True])
 def test_no_other_site_can_show_the_page_in_a_frame(station: Station, path: str, is_logged_in: bool) -> None:

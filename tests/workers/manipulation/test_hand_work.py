@@ -156,6 +156,7 @@ def test_arm_picks_up_carries_and_puts_down_without_touching_anything_else() -> 
     ]  # fmt: skip
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("state", [HandState[name] for name in PICKS.split()])
 def test_next_process_finishes_what_the_last_one_began(state: HandState) -> None:
@@ -167,6 +168,7 @@ def test_next_process_finishes_what_the_last_one_began(state: HandState) -> None
     assert world.is_unharmed
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("state", [HandState[name] for name in PUTS.split()])
 def test_next_process_puts_down_what_the_last_one_held_or_knows_that_it_has(state: HandState) -> None:
@@ -267,6 +269,7 @@ def test_state_diagram_in_the_documentation_matches_the_declaration() -> None:
     assert mermaid(HandState.REST, TRANSITIONS, TIME_OUTS) in page
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("restarts", [False, True])
 def test_object_is_held_out_upright_and_let_go_when_a_person_pulls(restarts: bool) -> None:

@@ -9,7 +9,7 @@ from tools.operator.chromium import CHROMIUM, chromium
 
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None,
-    reason="THE TRACE'S PAGE IS NOT TESTED: no Chromium here; on Debian: apt-get install chromium-headless-shell",
+    reason="THE TRACE'S PAGE IS NOT TESTED: no Chromium; try apt-get install chromium-headless-shell",
 )
 
 
