@@ -2,6 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
+from math import hypot
 from typing import Any
 
 from robbie_mp import (
@@ -21,6 +24,7 @@ from robbie_mp import (
 )
 from robbie_mp.messages import (
     CancelNavigation,
+    ControlState,
     NavigateTo,
     NavigationFeedback,
     NavigationResult,
@@ -32,8 +36,11 @@ from robbie_mp.messages.stock.nav2_msgs import (
     FollowingWaypoints,
     FollowWaypoints,
     MissedWaypoint,
+    NavigatedThroughPoses,
     NavigatedToPose,
+    NavigateThroughPoses,
     NavigateToPose,
+    NavigatingThroughPoses,
     NavigatingToPose,
 )
 from robbie_robots.workers.navigation.navigator_states import RECOVERIES
@@ -43,9 +50,11 @@ TASK_EXECUTOR_FAILED = 601
 """Nav2's number for a waypoint that was not reached."""
 END_EVERY_S = 0.5
 MAX_LEFT_S = 86400.0
-MAX_RECOVERIES, MAX_MISSED = 32767, 1000
+MAX_RECOVERIES = MAX_POSES = 32767
+MAX_MISSED = 1000
 
 ToPose = ActiveGoal[NavigateToPose, NavigatingToPose, NavigatedToPose]
+ThroughPoses = ActiveGoal[NavigateThroughPoses, NavigatingThroughPoses, NavigatedThroughPoses]
 Waypoints = ActiveGoal[FollowWaypoints, FollowingWaypoints, FollowedWaypoints]
 
 
@@ -59,7 +68,7 @@ class IsNavigationActive(Request[NavigationActive], name="robbie_msgs/srv/IsNavi
 
 @dataclass(eq=False)
 class _Drive:
-    """What is remembered of a goal, of either action."""
+    """What is remembered of a goal, of any action."""
 
     active: ActiveGoal[Any, Any, Any]
     since_s: float
@@ -68,16 +77,17 @@ class _Drive:
     recoveries: int = 0
     first_left_m: float | None = None
     index: int = 0
-    """Of the waypoint; `loops_left` and `missed` are of waypoints, too."""
+    """Of the pose among several; `loops_left` and `missed` are of waypoints."""
     loops_left: int = 0
     missed: list[MissedWaypoint] = field(default_factory=list)
 
 
 class Nav2Actions(Module):
-    """Serves Nav2's `NavigateToPose` and `FollowWaypoints`, by goals for the module that serves `NavigateTo`.
+    """Serves Nav2's actions by goals for the module that serves `NavigateTo`.
 
     So they obey who controls the robot, as every goal does, and the newest goal takes the place of the older
-    one. If this module dies, its goals end, and the robot stops.
+    one. A goal is refused while modules may not drive the robot: it would move once somebody orders the robot
+    to go on, who need not know of it. If this module dies, its goals end, and the robot stops.
     """
 
     stops_on_missed: bool = setting(
@@ -87,11 +97,14 @@ class Nav2Actions(Module):
     def setup(self) -> None:
         """Serve."""
         self.pose = PoseStamped()
+        self.control = ControlState()
         self.drives: dict[ActiveGoal[Any, Any, Any], _Drive] = {}
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose", optional=True)
+        self.subscribe(ControlState, self.on_control, newest, topic="control", optional=True)
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.serve_goals(NavigateToPose, self.on_pose_goal, self.on_cancel)
+        self.serve_goals(NavigateThroughPoses, self.on_through_poses, self.on_cancel)
         self.serve_goals(FollowWaypoints, self.on_waypoints, self.on_cancel)
         self.serve(IsNavigationActive, self.on_question)
         if self.restored is not None:
@@ -110,6 +123,10 @@ class Nav2Actions(Module):
         """Keep where the robot is, for the feedback."""
         self.pose = pose
 
+    def on_control(self, control: ControlState) -> None:
+        """Keep whether modules may drive the robot."""
+        self.control = control
+
     def on_time_jump(self, jump: TimeJump) -> None:
         """End all goals, as navigation does: the next waypoint would drive the robot in another time."""
         reason = f"time jumped: {jump.reason}"
@@ -123,13 +140,19 @@ class Nav2Actions(Module):
         drive = self._begin(active)
 
         def on_feedback(feedback: NavigationFeedback) -> None:
-            active.feedback(self._progress(drive, feedback))
+            active.feedback(NavigatingToPose(**self._progress(drive, feedback)))
 
         def on_result(_: NavigationResult) -> None:
             self._forget(drive)
             active.succeed(NavigatedToPose())
 
         self._drive_to(drive, active.goal.pose, on_result, lambda error: self._end(drive, error), on_feedback)
+
+    def on_through_poses(self, active: ThroughPoses) -> None:
+        """Drive to the first pose."""
+        if not 0 < len(active.goal.poses) <= MAX_POSES:
+            raise CallRefused(f"the goal has {len(active.goal.poses)} poses, not 1 to {MAX_POSES}")
+        self._drive_to_next(self._begin(active))
 
     def on_waypoints(self, active: Waypoints) -> None:
         """Drive to the first waypoint."""
@@ -138,7 +161,7 @@ class Nav2Actions(Module):
             raise CallRefused(f"there is no waypoint {goal.goal_index}: the goal has {len(goal.poses)}")
         drive = self._begin(active)
         drive.index, drive.loops_left = goal.goal_index, goal.number_of_loops
-        self._drive_to_waypoint(drive)
+        self._drive_to_next(drive)
 
     def on_cancel(self, active: ActiveGoal[Any, Any, Any], reason: str) -> None:
         """Let navigation end the goal; its client hears of it when the robot was told to stop."""
@@ -148,6 +171,11 @@ class Nav2Actions(Module):
             active.cancelled(reason)
 
     def _begin(self, active: ActiveGoal[Any, Any, Any]) -> _Drive:
+        if self.control.mode != ControlState.AUTO:
+            reason = self.control.reason or "no reason given"
+            raise CallRefused(
+                f"modules may not drive the robot ({reason}); order it to go on, then send this again"
+            )
         drive = self.drives[active] = _Drive(active, self.monotonic_s())
         self.checkpoint(True)
         return drive
@@ -180,26 +208,40 @@ class Nav2Actions(Module):
     ) -> None:
         drive.sent = self.send_goal(NavigateTo(pose=pose), on_result, on_error, on_feedback)
 
-    def _progress(self, drive: _Drive, feedback: NavigationFeedback) -> NavigatingToPose:
+    def _progress(self, drive: _Drive, feedback: NavigationFeedback, beyond_m: float = 0.0) -> dict[str, Any]:
+        """Return how far the robot is, as fields of the feedback of both actions.
+
+        Args:
+            drive: the goal.
+            feedback: of navigation, on the way to the next pose.
+            beyond_m: length of the way beyond that pose.
+        """
         if feedback.state != drive.state:
             drive.state = feedback.state
             drive.recoveries += feedback.state in RECOVERY_NAMES
-        driven_s, left_m = self.monotonic_s() - drive.since_s, max(0.0, feedback.distance_left_m)
+        driven_s, left_m = self.monotonic_s() - drive.since_s, max(0.0, feedback.distance_left_m) + beyond_m
         if drive.first_left_m is None and feedback.distance_left_m >= 0.0:
             drive.first_left_m = left_m
         nearer_m = (drive.first_left_m or 0.0) - left_m
         left_s = min(MAX_LEFT_S, left_m * driven_s / nearer_m) if nearer_m > 0.0 else 0.0
-        return NavigatingToPose(
-            current_pose=self.pose,
-            navigation_time=Duration.from_nanoseconds(round(driven_s * 1e9)),
-            estimated_time_remaining=Duration.from_nanoseconds(round(left_s * 1e9)),
-            number_of_recoveries=min(drive.recoveries, MAX_RECOVERIES),
-            distance_remaining=left_m,
-        )
+        return {
+            "current_pose": self.pose,
+            "navigation_time": Duration.from_nanoseconds(round(driven_s * 1e9)),
+            "estimated_time_remaining": Duration.from_nanoseconds(round(left_s * 1e9)),
+            "number_of_recoveries": min(drive.recoveries, MAX_RECOVERIES),
+            "distance_remaining": left_m,
+        }
 
-    def _drive_to_waypoint(self, drive: _Drive) -> None:
-        drive.active.feedback(FollowingWaypoints(current_waypoint=drive.index))
+    def _drive_to_next(self, drive: _Drive) -> None:
+        """Drive to the next waypoint, or the next pose of several."""
         pose = drive.active.goal.poses[drive.index]
+        if isinstance(drive.active.goal, NavigateThroughPoses):
+            on_feedback = partial(self._tell_through, drive)
+            self._drive_to(
+                drive, pose, lambda _: self._go_on(drive), lambda error: self._end(drive, error), on_feedback
+            )
+            return
+        drive.active.feedback(FollowingWaypoints(current_waypoint=drive.index))
 
         def on_error(error: CallError) -> None:
             is_missed = isinstance(error, GoalAborted | CallRefused)
@@ -213,15 +255,31 @@ class Nav2Actions(Module):
 
         self._drive_to(drive, pose, lambda _: self._go_on(drive), on_error)
 
+    def _tell_through(self, drive: _Drive, feedback: NavigationFeedback) -> None:
+        """Tell how far the robot is on its way through poses; beyond the next one, as the crow flies."""
+        legs = drive.active.goal.poses[drive.index :]
+        beyond_m = sum(distance_m(one, other) for one, other in pairwise(legs))
+        progress = self._progress(drive, feedback, beyond_m)
+        drive.active.feedback(NavigatingThroughPoses(**progress, number_of_poses_remaining=len(legs)))
+
     def _go_on(self, drive: _Drive) -> None:
-        """Drive to the next waypoint, if there is one."""
+        """Drive to the next waypoint or pose, if there is one."""
         if not drive.active.is_active:
             return
         drive.index += 1
         if drive.index == len(drive.active.goal.poses) and drive.loops_left:
             drive.index, drive.loops_left = 0, drive.loops_left - 1
         if drive.index < len(drive.active.goal.poses):
-            self._drive_to_waypoint(drive)
+            self._drive_to_next(drive)
             return
         self._forget(drive)
-        drive.active.succeed(FollowedWaypoints(missed_waypoints=drive.missed))
+        if isinstance(drive.active.goal, NavigateThroughPoses):
+            drive.active.succeed(NavigatedThroughPoses())
+        else:
+            drive.active.succeed(FollowedWaypoints(missed_waypoints=drive.missed))
+
+
+def distance_m(one: PoseStamped, other: PoseStamped) -> float:
+    """Return the distance of two poses in the plane."""
+    a, b = one.pose.position, other.pose.position
+    return hypot(b.x - a.x, b.y - a.y)

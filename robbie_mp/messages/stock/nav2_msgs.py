@@ -80,6 +80,35 @@ class NavigateToPose(
     behavior_tree: str = DEFAULT  # Nav2's file of it; nothing else uses it
 
 
+class NavigatingThroughPoses(Feedback, name="nav2_msgs/action/NavigateThroughPoses_Feedback", version=1):
+    """How far the robot is on its way through poses."""
+
+    current_pose: PoseStamped = DEFAULT
+    navigation_time: Duration = DEFAULT  # since the goal was accepted
+    estimated_time_remaining: Duration = DEFAULT
+    number_of_recoveries: int16 = DEFAULT
+    distance_remaining: float32 = DEFAULT  # m, to the last pose
+    number_of_poses_remaining: int16 = DEFAULT
+
+
+class NavigatedThroughPoses(Result, name="nav2_msgs/action/NavigateThroughPoses_Result", version=1):
+    """The robot stands at the last pose."""
+
+    error_code: uint16 = DEFAULT
+    error_msg: str = DEFAULT
+
+
+class NavigateThroughPoses(
+    Goal[NavigatingThroughPoses, NavigatedThroughPoses],
+    name="nav2_msgs/action/NavigateThroughPoses_Goal",
+    version=1,
+):
+    """Drive through poses to the last one."""
+
+    poses: list[PoseStamped] = DEFAULT
+    behavior_tree: str = DEFAULT  # Nav2's file of it; nothing else uses it
+
+
 class MissedWaypoint(Message, name="nav2_msgs/msg/MissedWaypoint", version=1):
     """A waypoint that the robot has not reached."""
 

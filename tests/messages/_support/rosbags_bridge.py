@@ -39,6 +39,13 @@ NAV2_ACTIONS = {
         "builtin_interfaces/Duration estimated_time_remaining\nint16 number_of_recoveries\n"
         "float32 distance_remaining"
     ),
+    "NavigateThroughPoses_Goal": "geometry_msgs/PoseStamped[] poses\nstring behavior_tree",
+    "NavigateThroughPoses_Result": "uint16 error_code\nstring error_msg",
+    "NavigateThroughPoses_Feedback": (
+        "geometry_msgs/PoseStamped current_pose\nbuiltin_interfaces/Duration navigation_time\n"
+        "builtin_interfaces/Duration estimated_time_remaining\nint16 number_of_recoveries\n"
+        "float32 distance_remaining\nint16 number_of_poses_remaining"
+    ),
     "FollowWaypoints_Goal": (
         "uint32 number_of_loops\nuint32 goal_index 0\ngeometry_msgs/PoseStamped[] poses"
     ),

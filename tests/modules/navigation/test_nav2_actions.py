@@ -8,6 +8,7 @@ from robbie_mp import GoalAborted, GoalCancelled, GoalPreempted, ModuleHarness
 from robbie_mp.messages import (
     CallRefusal,
     CancelNavigation,
+    ControlState,
     GoalCancel,
     GoalEnd,
     Header,
@@ -24,8 +25,11 @@ from robbie_mp.messages.stock.nav2_msgs import (
     FollowedWaypoints,
     FollowingWaypoints,
     FollowWaypoints,
+    NavigatedThroughPoses,
     NavigatedToPose,
+    NavigateThroughPoses,
     NavigateToPose,
+    NavigatingThroughPoses,
     NavigatingToPose,
 )
 from robbie_robots.modules.navigation.nav2_actions import IsNavigationActive, Nav2Actions
@@ -107,6 +111,43 @@ def test_waypoints_are_driven_to_one_after_the_other_and_again(nav2: Harness) ->
     assert not nav2.take(NavigateTo)
 
 
+def test_poses_are_driven_through_and_the_feedback_tells_how_far_the_last_one_is(nav2: Harness) -> None:
+    nav2.send_goal(NavigateThroughPoses(poses=[at(1.0), at(3.0), at(2.5)]))
+    told = []
+    for x_m in (1.0, 3.0, 2.5):
+        goal = driven_to(nav2)
+        assert goal.pose == at(x_m)
+        nav2.feed_back(goal, NavigationFeedback(state="DRIVE", distance_left_m=0.25))
+        told += nav2.take(NavigatingThroughPoses)
+        assert not nav2.take(NavigatedThroughPoses)
+        nav2.end_goal(goal, NavigationResult())
+    assert [(one.number_of_poses_remaining, one.distance_remaining) for one in told] == [
+        (3, 2.75),
+        (2, 0.75),
+        (1, 0.25),
+    ]
+    assert nav2.take(NavigatedThroughPoses)
+    assert nav2.checkpoint is None
+
+
+def test_pose_that_cannot_be_reached_ends_the_way_through_others(nav2: Harness) -> None:
+    nav2.send_goal(NavigateThroughPoses(poses=[at(1.0), at(2.0)]))
+    nav2.end_goal(driven_to(nav2), GoalAborted("a wall"))
+    assert nav2.take(GoalEnd)[0].reason == "a wall"
+    assert not nav2.take(NavigateTo)
+
+
+def test_goal_is_refused_while_modules_may_not_drive(nav2: Harness) -> None:
+    """It moved the robot as soon as an operator, who knew nothing of it, let the robot go on."""
+    nav2.send(ControlState(mode=ControlState.HOLD, reason="the stop was released"), topic="control")
+    nav2.send_goal(NavigateToPose(pose=at(2.5)))
+    assert "(the stop was released); order it to go on" in nav2.take(CallRefusal)[0].reason
+    nav2.send(ControlState(mode=ControlState.AUTO), topic="control")
+    assert not nav2.take(NavigateTo)
+    nav2.send_goal(NavigateToPose(pose=at(2.5)))
+    assert driven_to(nav2).pose == at(2.5)
+
+
 def test_missed_waypoint_ends_the_goal_or_is_told_in_the_result(nav2: Harness) -> None:
     goal = FollowWaypoints(poses=[at(1.0), at(2.0)])
     nav2.send_goal(goal)
@@ -147,9 +188,11 @@ def test_no_waypoint_is_driven_to_after_a_jump_of_time(is_told_by_navigation_fir
         assert nav2.checkpoint is None
 
 
-def test_waypoints_without_a_first_one_are_refused(nav2: Harness) -> None:
+def test_goals_without_a_first_pose_are_refused(nav2: Harness) -> None:
     nav2.send_goal(FollowWaypoints(poses=[at(1.0)], goal_index=1))
     assert "there is no waypoint 1" in nav2.take(CallRefusal)[0].reason
+    nav2.send_goal(NavigateThroughPoses())
+    assert "the goal has 0 poses" in nav2.take(CallRefusal)[0].reason
 
 
 def test_goals_of_a_process_that_died_are_ended(nav2: Harness) -> None:
