@@ -57,13 +57,13 @@ def _topics(run: KnownRun) -> Iterable[str]:
 
 
 def _published_topics(run: KnownRun) -> set[str]:
-    from robbie_mp.bus.observe.declarations import read_declarations  # noqa: PLC0415
+    from robbie_mp.bus.transport.declarations import read_declarations  # noqa: PLC0415
 
     return {entry.topic for entry in read_declarations(run.run_id) if entry.is_publisher} - {""}
 
 
 def _services(run: KnownRun) -> Iterable[str]:
-    from robbie_mp.bus.observe.declarations import read_declarations  # noqa: PLC0415
+    from robbie_mp.bus.transport.declarations import read_declarations  # noqa: PLC0415
     from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX  # noqa: PLC0415
 
     names = {entry.type_name for entry in read_declarations(run.run_id) if not entry.is_publisher}

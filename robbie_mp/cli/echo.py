@@ -11,7 +11,7 @@ from robbie_mp.attached.tool.message_stream import MessageStream
 from robbie_mp.attached.tool.tool import Received, RunEnded
 from robbie_mp.attached.views.message_text import FieldPath, flat, to_csv, to_json, to_yaml
 from robbie_mp.base.visible_text import one_line
-from robbie_mp.bus.observe.declarations import read_declarations
+from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_publishes
 from robbie_mp.cli.parser import add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run

@@ -14,8 +14,8 @@ from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.attached.views.run_figures import STYLES, renamed_topics, said, state_name
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import RunObserver
-from robbie_mp.bus.observe.declarations import ObservedDeclaration, read_declarations
 from robbie_mp.bus.observe.latched import latched_bytes
+from robbie_mp.bus.transport.declarations import ObservedDeclaration, read_declarations
 from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli.addresses import add_address_argument, endpoints_of

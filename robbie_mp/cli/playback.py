@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.attached.tool.tool import RunEnded, Tool
 from robbie_mp.attached.views.message_text import describe_playback, to_json
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.bus.observe.declarations import read_declarations
+from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import print_in_place
 from robbie_mp.cli.parser import add_command

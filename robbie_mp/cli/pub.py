@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.attached.views.message_text import message_of_yaml
-from robbie_mp.bus.observe.declarations import read_declarations
+from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_subscribes

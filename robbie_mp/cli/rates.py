@@ -10,9 +10,9 @@ from statistics import pstdev
 from typing import NamedTuple
 
 from robbie_mp.base.visible_text import one_line
-from robbie_mp.bus.observe.channels import ChannelCounters
 from robbie_mp.bus.observe.rates import intervals_deviation_s
 from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.channels import ChannelCounters
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.segment import Segment
 from robbie_mp.bus.transport.tables import ChannelCounts, ChannelName

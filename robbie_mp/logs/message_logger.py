@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 
-from robbie_mp.bus.observe.channels import ChannelCounters, messages_missed
 from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.channels import ChannelCounters, messages_missed
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.logs.capture.position import Position
 from robbie_mp.logs.capture.recorded_run import RecordedRun

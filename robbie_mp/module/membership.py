@@ -1,9 +1,9 @@
 """What the process of a module, or of a tool, maps of its run."""
 
 from robbie_mp.bus._hot.choice import Native
-from robbie_mp.bus.observe.channels import ChannelNames
 from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.board import Board
+from robbie_mp.bus.transport.channels import ChannelNames
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.run_memory import (
     IncarnationMemory,

@@ -30,7 +30,7 @@ from robbie_mp.attached.tool.tool import LONGEST_WAIT_S, Detached, Received, Run
 from robbie_mp.attached.tool.tool_bus import ToolBus
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.observe import RunObserver
-from robbie_mp.bus.observe.declarations import read_declarations
+from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import Message, MessageError, check_well_formed

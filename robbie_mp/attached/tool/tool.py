@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.forks import keep_from_forks
 from robbie_mp.bus._hot import choice
-from robbie_mp.bus.observe.channels import ChannelCounters
 from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.channels import ChannelCounters
 from robbie_mp.bus.transport.layout import LINE_WORDS, Activity
 from robbie_mp.bus.transport.records import Delivery, Inbound, MessageHandling, Outbound
 from robbie_mp.bus.transport.run_memory import make_block_store, make_views

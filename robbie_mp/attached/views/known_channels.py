@@ -3,7 +3,7 @@
 from contextlib import closing
 
 from robbie_mp.bus.observe import RunObserver
-from robbie_mp.bus.observe.declarations import read_declarations
+from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.run.run_directory import KnownRun
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from robbie_mp.base.linux.private_files import make_private_folder
 from robbie_mp.base.visible_text import one_line
-from robbie_mp.bus.observe.channels import ChannelCounters, messages_waiting
+from robbie_mp.bus.transport.channels import ChannelCounters, messages_waiting
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.logs.black_box.clip_folder import ClipFolder, clip_name
 from robbie_mp.logs.black_box.clip_writer import ClipWriter

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from robbie_mp.base.utc import file_stamp
 from robbie_mp.base.version import installed_version
-from robbie_mp.bus.observe.channels import latched_channels
 from robbie_mp.bus.transport import layout, names
+from robbie_mp.bus.transport.channels import latched_channels
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.segment import Segment
 from robbie_mp.bus.transport.tables import ChannelName

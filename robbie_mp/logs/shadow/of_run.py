@@ -10,7 +10,7 @@ from robbie_mp.attached.tool.message_stream import MessageStream
 from robbie_mp.attached.tool.tool import Received, RunEnded
 from robbie_mp.bus.checkpoint.buffers import newest_checkpoint
 from robbie_mp.bus.observe import ModuleFigures, RunObserver
-from robbie_mp.bus.observe.declarations import read_declarations
+from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.bus.transport.histogram import Distribution
 from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName

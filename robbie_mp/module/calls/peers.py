@@ -4,10 +4,10 @@ import time
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
-from robbie_mp.bus.observe.channels import messages_waiting
-from robbie_mp.bus.observe.declarations import read_declarations
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.board import TOOL_PREFIX, Board
+from robbie_mp.bus.transport.channels import messages_waiting
+from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.bus.transport.tables import ROW_OPEN, ChannelName, CoreTables, SubscriptionRow
 from robbie_mp.bus.transport.words import Words
 from robbie_mp.module.wiring import SERVICE_TOPIC, UNCHANGED, Wiring

@@ -5,8 +5,8 @@ import pytest
 
 from robbie_mp import MessageHandling
 from robbie_mp.bus.observe import TOTALS
-from robbie_mp.bus.observe.channels import ChannelCounters
 from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.channels import ChannelCounters
 from robbie_mp.bus.transport.tables import COLUMNS, Outcome
 from robbie_mp.cli.rates import TrafficRates
 from robbie_mp.messages import ModuleProfile

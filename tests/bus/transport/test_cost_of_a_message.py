@@ -20,8 +20,8 @@ from robbie_mp.bus._hot import choice
 from robbie_mp.bus.core.members import LinkMemory, RouterLimits
 from robbie_mp.bus.core.native_router import make_router
 from robbie_mp.bus.core.router import SlotLimits
-from robbie_mp.bus.observe.channels import ChannelNames
 from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.channels import ChannelNames
 from robbie_mp.bus.transport.endpoint import Endpoint, EndpointMemory
 from robbie_mp.bus.transport.records import Outbound
 from robbie_mp.bus.transport.run_memory import make_block_store, make_views

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from robbie_mp import MessageHandling
-from robbie_mp.bus.observe.channels import ChannelNames
 from robbie_mp.bus.transport import layout
+from robbie_mp.bus.transport.channels import ChannelNames
 from robbie_mp.bus.transport.run_memory import make_block_store, make_views
 from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from robbie_mp.messages import Image

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from robbie_mp import Array, Message, MessageHandling, int32, uint8
-from robbie_mp.bus.observe.channels import ChannelNames
 from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.channels import ChannelNames
 from robbie_mp.bus.transport.run_memory import make_block_store, make_views
 from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from robbie_mp.bus.transport.wakeup import Wakeup

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from robbie_mp import Header, MessageHandling, Time
-from robbie_mp.bus.observe.channels import ChannelNames
+from robbie_mp.bus.transport.channels import ChannelNames
 from robbie_mp.bus.transport.run_memory import make_block_store, make_views
 from robbie_mp.bus.transport.shared_folder import make_folder, remove_names
 from robbie_mp.messages import Image
