@@ -1,11 +1,14 @@
-"""A TCP proxy on this machine that delays what passes, in each direction, as a long way does."""
+"""A TCP proxy on this machine that delays what passes, as a long way does, and limits its rate."""
 
 import asyncio
+import math
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-CHUNK_BYTES = 1 << 16
+CHUNK_BYTES, SLOW_CHUNK_BYTES = 1 << 16, 1 << 11
+QUEUE_S = 0.3
+"""What waits longer for the rate waits at the sender."""
 
 
 class DelayingProxy:
@@ -14,15 +17,18 @@ class DelayingProxy:
     Args:
         target_port: the port.
         delay_s: each way; may be changed, for what comes from then on.
+        bytes_per_s: rate of all that the port answers, together.
 
     Attributes:
         port: on which it listens.
     """
 
-    def __init__(self, target_port: int, delay_s: float = 0.0):
+    def __init__(self, target_port: int, delay_s: float = 0.0, bytes_per_s: float = math.inf):
         self.delay_s = delay_s
         self.port = 0
         self._target_port = target_port
+        self._bytes_per_s = bytes_per_s
+        self._free_s = 0.0
         self._loop = asyncio.new_event_loop()
         self._is_ready = threading.Event()
         self._end = asyncio.Event()
@@ -53,7 +59,7 @@ class DelayingProxy:
 
     async def _forward(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._target_port)
-        ways = [self._read(reader, far_writer), self._read(far_reader, writer)]
+        ways = [self._read(reader, far_writer, math.inf), self._read(far_reader, writer, self._bytes_per_s)]
         try:
             await asyncio.gather(*ways)
         except asyncio.CancelledError:
@@ -62,18 +68,30 @@ class DelayingProxy:
             for one in (writer, far_writer):
                 one.transport.abort()
 
-    async def _read(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _read(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, bytes_per_s: float
+    ) -> None:
         """Pass on what comes, in its order, and then the end of the connection."""
         waiting: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
         sending = asyncio.create_task(self._write(waiting, writer))
         data = b"?"
         while data:
             try:
-                data = await reader.read(CHUNK_BYTES)
+                data = await reader.read(CHUNK_BYTES if bytes_per_s == math.inf else SLOW_CHUNK_BYTES)
             except ConnectionError:
                 data = b""
-            waiting.put_nowait((self._loop.time() + self.delay_s, data))
+            way_s = self._queue_s(len(data) / bytes_per_s)
+            waiting.put_nowait((self._loop.time() + way_s + self.delay_s, data))
+            if way_s > QUEUE_S:
+                await asyncio.sleep(way_s - QUEUE_S)
         await sending
+
+    def _queue_s(self, costs_s: float) -> float:
+        """Return the time until something has passed that takes some time."""
+        if not costs_s:
+            return 0.0
+        self._free_s = max(self._free_s, self._loop.time()) + costs_s
+        return self._free_s - self._loop.time()
 
     async def _write(self, waiting: asyncio.Queue[tuple[float, bytes]], writer: asyncio.StreamWriter) -> None:
         with suppress(ConnectionError, OSError):
@@ -88,9 +106,11 @@ class DelayingProxy:
 
 
 @contextmanager
-def delaying_proxy(target_port: int, delay_s: float = 0.0) -> Iterator[DelayingProxy]:
+def delaying_proxy(
+    target_port: int, delay_s: float = 0.0, bytes_per_s: float = math.inf
+) -> Iterator[DelayingProxy]:
     """Run a proxy; see there."""
-    proxy = DelayingProxy(target_port, delay_s)
+    proxy = DelayingProxy(target_port, delay_s, bytes_per_s)
     proxy.start()
     try:
         yield proxy

@@ -34,9 +34,9 @@ BUTTONS = ("#go-on", "#hold", "#take-over")
 MIN_TARGET_PX = 44
 READ = """() => {
   const image = document.querySelector(".camera-picture img"), canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
+  [canvas.width, canvas.height] = [256, 32]; // on a busy machine the picture may come smaller
   const pen = canvas.getContext("2d");
-  pen.drawImage(image, 0, 0);
+  pen.drawImage(image, 0, 0, canvas.width, canvas.height);
   const bit = (at) => (pen.getImageData(16 * at + 8, 16, 1, 1).data[0] > 127 ? 1 << at : 0);
   const taken_ms = [...Array(16).keys()].reduce((sum, at) => sum + bit(at), 0);
   return [taken_ms, document.querySelector(".camera-picture .picture-age").textContent];

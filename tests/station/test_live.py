@@ -6,6 +6,7 @@ import json
 import socket
 import struct
 from contextlib import closing
+from functools import partial
 from typing import Any
 
 import pytest
@@ -36,7 +37,6 @@ def unpacked(packet: bytes | None) -> dict[str, bytes]:
 
 def following(live: LiveParts, *groups: str) -> Follower:
     follower = Follower(live, frozenset(groups))
-    live.join(follower)
     return follower
 
 
@@ -71,7 +71,7 @@ def test_page_that_does_not_draw_has_two_packets_in_flight_then_the_newest() -> 
         assert len(sent) == PACKETS_AHEAD
         for number in range(1000):
             live.put("view", {"poses": f"later {number}".encode()})
-        follower.has_drawn()
+        follower.hear("drawn")
         assert unpacked(await waiting) == {"view/poses": b"later 999"}
         assert len(live.parts) == 1
 
@@ -129,7 +129,8 @@ def test_closed_page_requests_nothing() -> None:
         told: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         sent: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         told.put_nowait({"type": "websocket.connect"})
-        serving = asyncio.ensure_future(serve(live, frozenset({"map"}), told.get, sent.put))  # type: ignore[arg-type]
+        follow = partial(Follower, live, frozenset({"map"}))
+        serving = asyncio.ensure_future(serve(follow, told.get, sent.put))  # type: ignore[arg-type]
         assert (await sent.get())["type"] == "websocket.accept"
         live.put("map", {"place": b"here"})
         assert unpacked((await sent.get())["bytes"]) == {"map/place": b"here"}

@@ -10,6 +10,7 @@ from PIL import Image as PillowImage
 from robbie_mp.attached.views.image_pixels import NoPicture, pixels_of
 from robbie_mp.messages import CompressedImage, Header, Image, Time
 from robbie_mp.module.clock import ManualClock
+from robbie_mp.station.live.video import GRADES
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.latest import Latest
 from robbie_mp.station.watch.pictures import MAX_PIXELS, NewestPicture, Picture, encode_image
@@ -71,35 +72,44 @@ def test_compressed_images_are_passed_on_unchanged() -> None:
     assert encode_image(message) == Picture(data, "image/jpeg")
 
 
-def test_picture_is_encoded_once_for_all_pages_and_again_for_a_newer_message() -> None:
-    latest: Latest[Image] = Latest()
-    drawn: list[int] = []
+def test_compressed_images_become_smaller_for_slow_networks() -> None:
+    noise = np.random.default_rng(1).integers(0, 256, (480, 640, 3), np.uint8)
+    data = io.BytesIO()
+    PillowImage.fromarray(noise).save(data, "JPEG", quality=90)
+    message = CompressedImage(format="jpeg", data=np.frombuffer(data.getvalue(), np.uint8))
+    picture = encode_image(message, 320, 40)
+    assert len(picture.data) < len(data.getvalue()) / 10
+    assert PillowImage.open(io.BytesIO(picture.data)).size == (320, 240)
 
-    def draw(image: Image) -> Picture:
-        drawn.append(image.width)
-        if not image.width:
-            raise NoPicture("it is empty")
-        return Picture(b"picture", "image/png")
 
-    picture = NewestPicture(latest, draw)
-    assert picture.answer().status_code == 204
+def grey(value: int) -> Image:
+    return Image(height=1, width=1, encoding="mono8", step=1, data=np.full(1, value, np.uint8))
+
+
+def test_picture_is_encoded_once_for_all_pages_in_each_grade_and_again_for_a_newer_message() -> None:
+    latest: Latest[Image | CompressedImage] = Latest()
+    picture = NewestPicture(latest)
+    fine, coarse = GRADES[0], GRADES[-1]
+    assert picture.encoded(fine).about["reason"] == "there is none yet"
+    latest.put(grey(3))
+    first = picture.encoded(fine)
+    assert picture.encoded(fine) is first
+    assert picture.encoded(coarse) is not first
     latest.put(Image(width=3))
-    assert [picture.answer().body for _ in range(5)] == [b"picture"] * 5
-    latest.put(Image(width=0))
-    assert picture.answer().headers["x-robbie-reason"] == "it is empty"
-    assert drawn == [3, 0]
+    assert "are not shown" in str(picture.encoded(fine).about["reason"])
 
 
 @pytest.mark.parametrize(("stamp_ns", "age_s"), [(9_000_000_000, 1.0), (11_000_000_000, 0.0), (0, 0.0)])
-def test_answer_says_when_its_picture_was_taken(stamp_ns: int, age_s: float) -> None:
+def test_picture_says_when_its_picture_was_taken(stamp_ns: int, age_s: float) -> None:
     """A stamp of the future, or of long ago, is not believed: then it counts as taken when it arrived."""
     base_ns = 0 if stamp_ns else 10_000_000_000_000
     births = Births(ManualClock(base_ns + 10_000_000_000), is_real=True)
-    latest = Latest[Image]()
-    picture = NewestPicture(latest, encode_image, births)
+    latest: Latest[Image | CompressedImage] = Latest()
+    picture = NewestPicture(latest, births)
     header = Header(stamp=Time.from_nanoseconds(base_ns + stamp_ns if base_ns == 0 else 0))
     latest.put(Image(header=header, height=1, width=1, encoding="mono8", step=1, data=np.zeros(1, np.uint8)))
-    born_s = float(picture.answer().headers["X-Robbie-Born"])
+    born_s = picture.encoded(GRADES[0]).about["born_s"]
+    assert isinstance(born_s, float)
     assert time.monotonic() - born_s == pytest.approx(age_s, abs=0.5)
 
 

@@ -1,8 +1,9 @@
-"""Through a slow network, no old command drives the robot, and the page says why it does not drive."""
+"""Through a slow network no old command drives the robot, and the picture is small rather than old."""
 
 import re
 import time
 from collections.abc import Iterator
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -18,6 +19,26 @@ TOKEN = "drives-from-far-away"
 BEAT_S = 0.05
 STANDS_WITHIN_S = 0.4
 LIMIT_S = 0.2
+CAMERA = """
+modules:
+  operator: {class: "robbie_mp.station:OperatorStation", settings: {port: 0}}
+  camera: {class: "tools.operator.moving_camera:MovingCamera"}
+"""
+FRESH_AND_SMOOTH = """([least, oldest_s]) => {
+  const note = (at) => (window.shown = [...(window.shown ?? []), at].slice(-100));
+  const image = document.querySelector(".camera-picture img"), now = performance.now();
+  if (image && !window.counts) {
+    window.counts = true;
+    image.addEventListener("load", () => {
+      const text = document.querySelector(".camera-picture .picture-age")?.textContent ?? "99";
+      note([performance.now(), parseFloat(text)]);
+    });
+  }
+  const last = (window.shown ?? []).filter(([at]) => at > now - 2000);
+  const ages = last.map(([, age]) => age).sort();
+  return last.length >= 2 * least && ages[Math.floor(ages.length / 2)] <= oldest_s;
+}"""
+"""Whether in the last 2 s there were at least so many pictures a second, half of them not older than that."""
 
 
 @pytest.fixture
@@ -148,3 +169,19 @@ def test_page_says_that_the_delay_is_too_long_to_drive(robot: Robot, journal: Jo
         wait_until(lambda: journal.speed() > 0.1)
         page.keyboard.up("KeyW")
         wait_until(lambda: journal.speed() == 0)
+
+
+@needs_chromium
+@pytest.mark.parametrize(("mbit_per_s", "least_per_s", "oldest_s"), [(1.0, 7, 0.4), (0.3, 3, 0.7)])
+def test_picture_over_a_slow_network_is_fresh_and_smooth(
+    robot: Robot, mbit_per_s: float, least_per_s: int, oldest_s: float
+) -> None:
+    robot.write_profile(CAMERA)
+    robot.start()
+    address = urlsplit(address_of(robot))
+    with (
+        delaying_proxy(address.port or 0, 0.04, mbit_per_s * 1e6 / 8) as proxy,
+        browser() as started,
+        page_of(started, address._replace(netloc=f"127.0.0.1:{proxy.port}").geturl(), may_say=("",)) as page,
+    ):
+        page.wait_for_function(FRESH_AND_SMOOTH, arg=[least_per_s, oldest_s], polling=100)

@@ -1,12 +1,16 @@
 """The pixels of camera images, and images as JPEG."""
 
 import io
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages import Image
+
+if TYPE_CHECKING:
+    from PIL import Image as PillowImage
 
 BYTES = {"mono8": 1, "8UC1": 1, "mono16": 2, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
 """Bytes per pixel of each supported encoding."""
@@ -36,7 +40,26 @@ def jpeg(message: Image, quality: int, max_pixels: int = 0) -> bytes:
     """
     from PIL import Image as PillowImage  # noqa: PLC0415 - an extra
 
-    picture = PillowImage.fromarray(pixels_of(message))
+    return _encoded(PillowImage.fromarray(pixels_of(message)), quality, max_pixels)
+
+
+def encoded_again(data: bytes, quality: int, max_pixels: int) -> bytes:
+    """Return a JPEG or PNG file as a JPEG file of another size and quality. This needs Pillow.
+
+    Raises:
+        NoPicture: the file is damaged.
+    """
+    from PIL import Image as PillowImage  # noqa: PLC0415 - an extra
+
+    try:
+        with PillowImage.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
+            picture.draft("RGB", (max_pixels, max_pixels))  # a JPEG is decoded in a smaller size at once
+            return _encoded(picture.convert("RGB"), quality, max_pixels)
+    except (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError) as error:
+        raise NoPicture(f"the picture is damaged: {error}") from None
+
+
+def _encoded(picture: "PillowImage.Image", quality: int, max_pixels: int) -> bytes:
     if max_pixels:
         picture.thumbnail((max_pixels, max_pixels), reducing_gap=1.0)
     encoded = io.BytesIO()

@@ -85,13 +85,14 @@ class Follower:
         self._loop = asyncio.get_running_loop()
         self._changed = asyncio.Event()
         self._drawn_s = self._loop.time()
+        live.join(self)
 
     def wake(self, group: str) -> None:
         """Wake the follower because a group has changed. Any thread may call this."""
         if group in self.groups:
             self._loop.call_soon_threadsafe(self._changed.set)
 
-    def has_drawn(self) -> None:
+    def hear(self, _said: str) -> None:
         """Record that the page has drawn one more packet."""
         self._drawn = min(self._sent, self._drawn + 1)
         self._drawn_s = self._loop.time()
@@ -100,14 +101,11 @@ class Follower:
     def go(self) -> None:
         """Stop sending."""
         self._is_gone = True
+        self._live.leave(self)
         self._changed.set()
 
     async def next(self) -> bytes | None:
-        """Wait for changes and return the next packet; None if there will be none.
-
-        A packet is the length of its head (uint32, little endian), the head (JSON: name and number of bytes
-        of each part), and the parts.
-        """
+        """Wait for changes and return the next packet; None if there will be none."""
         while not self._is_gone:
             self._changed.clear()
             behind = self._sent - self._drawn
@@ -153,5 +151,14 @@ class Follower:
         # Without parts that no longer exist.
         self._has = {name: had for name, had in self._has.items() if name in parts}
         self._has |= {name: (part.number, self._sent) for name, part in chosen}
-        head = json.dumps([[name, len(part.data)] for name, part in chosen]).encode()
-        return b"".join((struct.pack("<I", len(head)), head, *(part.data for _, part in chosen)))
+        return packed({name: part.data for name, part in chosen})
+
+
+def packed(parts: Mapping[str, bytes]) -> bytes:
+    """Return a packet with parts.
+
+    It is the length of its head (uint32, little endian), the head (JSON: name and number of bytes of each
+    part), and the parts.
+    """
+    head = json.dumps([[name, len(data)] for name, data in parts.items()]).encode()
+    return b"".join((struct.pack("<I", len(head)), head, *parts.values()))

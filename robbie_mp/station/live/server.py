@@ -1,44 +1,63 @@
-"""Connections for live parts: the station sends packets, and pages report when they have drawn each."""
+"""Connections for live parts and video: the station sends packets, and pages report what they have drawn."""
 
 import asyncio
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Protocol
 
 from starlette.types import Receive, Scope, Send
 
 from robbie_mp.station.live.parts import Follower, LiveParts
+from robbie_mp.station.live.video import VIDEO, VideoFollower
+from robbie_mp.station.watch.pictures import NewestPicture
 from robbie_mp.station.web.gate import App
 
 PATH = "/live/"
 """Beginning of the connections' paths. The followed groups are next, such as `/live/map+marks`."""
 
 
-def with_live(app: App, live: LiveParts) -> App:
-    """Return an application that serves live parts, and passes all other requests to another one."""
+class Follows(Protocol):
+    """Chooses what one page gets next."""
+
+    def hear(self, said: str) -> None:
+        """Take what the page says."""
+
+    async def next(self) -> bytes | None:
+        """Wait for the next packet; None if there will be none."""
+
+    def go(self) -> None:
+        """Stop sending."""
+
+
+def with_live(app: App, live: LiveParts, cameras: Callable[[], Mapping[str, NewestPicture]]) -> App:
+    """Return an application that serves live parts and video, and passes other requests to another one."""
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket" and scope["path"].startswith(PATH):
-            await serve(live, frozenset(scope["path"][len(PATH) :].split("+")), receive, send)
+            groups = frozenset(scope["path"][len(PATH) :].split("+"))
+            parts, video = partial(Follower, live, groups), partial(VideoFollower, cameras)
+            await serve(video if groups == {VIDEO} else parts, receive, send)
         else:
             await app(scope, receive, send)
 
     return answer
 
 
-async def serve(live: LiveParts, groups: frozenset[str], receive: Receive, send: Send) -> None:
+async def serve(follow: Callable[[], Follows], receive: Receive, send: Send) -> None:
     """Serve one page until it closes or stops drawing."""
     await receive()  # the connect message, which must be answered first
     await send({"type": "websocket.accept"})
-    follower = Follower(live, groups)
-    live.join(follower)
+    follower = follow()
     listener = asyncio.create_task(_listen(follower, receive))
     try:
         while (packet := await follower.next()) is not None:
             await send({"type": "websocket.send", "bytes": packet})
     finally:
-        live.leave(follower)
+        follower.go()
         listener.cancel()
 
 
-async def _listen(follower: Follower, receive: Receive) -> None:
-    while (await receive())["type"] == "websocket.receive":
-        follower.has_drawn()
+async def _listen(follower: Follows, receive: Receive) -> None:
+    while (message := await receive())["type"] == "websocket.receive":
+        follower.hear(message.get("text") or "")
     follower.go()

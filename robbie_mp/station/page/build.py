@@ -8,10 +8,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import nicegui
 from nicegui import Client, ui
+from nicegui.dependencies import esm_modules
 
 from robbie_mp.station.page.cockpit import LAYOUT, TAB, Cockpit
-from robbie_mp.station.page.grid import STYLES
+from robbie_mp.station.page.grid import GRIDSTACK, SCRIPTS, STYLES
 from robbie_mp.station.page.keyboard import Keyboard, keys_button
 from robbie_mp.station.page.layouts import LayoutCollection
 from robbie_mp.station.page.look import COOKIE, LookSwitch
@@ -56,6 +58,7 @@ addEventListener("error", ({ target }) => {
 }, true);
 </script>"""
 """Load a page again that stays empty because its network has lost a script, or say that it is refused."""
+LARGE_SCRIPTS = ("quasar.umd.prod.js", "tailwindcss.min.js")
 MAX_WAITING_PACKETS = 4
 """Maximum number of packets that wait for a browser. With this many waiting, its page is not updated."""
 NAMESPACE = "/"
@@ -151,11 +154,25 @@ def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: 
 
 def _add_paths(client: Client, stop_path: str | None) -> None:
     if client.request is not None:
+        ui.add_head_html(early(client.request.scope.get("root_path", "")))
         prefix, path = client.request.scope.get("root_path", ""), client.request.scope["path"]
         own_path = path[len(prefix) :]
         stop_prefix = prefix if stop_path is None else stop_path.rstrip("/")
         begin = BEGIN.replace("{prefix}", prefix).replace("{path}", own_path)
         ui.add_head_html(begin.replace("{stop_prefix}", stop_prefix))
+
+
+def early(prefix: str) -> str:
+    """Return links for the largest scripts, which load while many small ones wait for round trips."""
+    root = f"{prefix}/_nicegui/{nicegui.__version__}"
+    scripts = [f"{root}/static/{name}" for name in LARGE_SCRIPTS]
+    modules = [f"{root}/esm/{key}/{GRIDSTACK}" for key, one in esm_modules.items() if one.name in SCRIPTS]
+    return "".join(
+        [
+            *(f'<link rel="preload" as="script" href="{one}">' for one in scripts),
+            *(f'<link rel="modulepreload" href="{one}">' for one in modules),
+        ]
+    )
 
 
 def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:

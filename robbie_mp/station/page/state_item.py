@@ -18,6 +18,8 @@ class StateItem:
     """GOOD, WARNING, ALERT or UNKNOWN; ALERT only for what needs a hand."""
     detail: str = ""
     """Shown when the pointer rests on it."""
+    alarm: str = ""
+    """Sentence of the alarm that the item is while its look is WARNING or ALERT; '': it is none."""
 
 
 def clock_text(time_s: float) -> str:

@@ -13,6 +13,7 @@ from nicegui import ui
 
 from robbie_mp.attached.views.run_figures import state_name
 from robbie_mp.messages import BatteryState, LinkState
+from robbie_mp.station.page.alarms import Alarms, troubles_of
 from robbie_mp.station.page.state_item import ALERT, GOOD, UNKNOWN, WARNING, StateItem, clock_text
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ class StateStrip:
         self._restarts: deque[tuple[float, int]] = deque(maxlen=round(RESTARTS_S / PERIOD_S) * 4)
         self._looked_s = 0.0
         self._items: tuple[StateItem, ...] = ()
+        self.alarms = Alarms()
 
     def tick(self) -> None:
         """Work out the items, once for all pages."""
@@ -65,6 +67,8 @@ class StateStrip:
         for panel in self._panels:
             items |= {item.name: item for item in panel.state_items()}
         self._items = tuple(items.values())
+        if (reading := self._run.figures.reading) is not None:
+            self.alarms.look(troubles_of(reading.modules, self._items))
 
     def build(self, page: Page) -> None:
         """Build the strip of a page."""
@@ -102,14 +106,20 @@ class StateStrip:
         mean = sum(percents) / len(percents) if percents else 0.0
         look = ALERT if used > 1 - LITTLE_MEMORY else WARNING if mean > BUSY_PERCENT else GOOD
         text = f"cpu {mean:.0f}% mem {used:.0%}"
-        yield StateItem("machine", "memory", text, look, "processors and memory of the robot")
+        alarm = f"The robot's computer is short of memory: {used:.0%} are used." if look == ALERT else ""
+        yield StateItem("machine", "memory", text, look, "processors and memory of the robot", alarm)
         yield self._restarts_item(reading.modules)
         yield self._recording_item(reading.modules)
 
     def _battery_item(self, state: BatteryState) -> StateItem:
         if (self._battery.age_s or 0.0) > OLD_S:
             return StateItem(
-                "battery", "battery_unknown", "silent", ALERT, "the battery has not reported for long"
+                "battery",
+                "battery_unknown",
+                "silent",
+                ALERT,
+                "the battery has not reported for long",
+                f"The battery has been silent for more than {OLD_S:.0f} s.",
             )
         if self._battery.count != self._charges_count and math.isfinite(state.percentage):
             self._charges_count = self._battery.count
@@ -119,7 +129,10 @@ class StateStrip:
         low = state.percentage < LOW_CHARGE or (left_s is not None and left_s < LOW_TIME_S)
         icon = "battery_alert" if low else "battery_full"
         detail = f"{state.voltage:.1f} V; the time is what is left as the charge falls now"
-        return StateItem("battery", icon, f"{state.percentage:.0%}{left}", ALERT if low else GOOD, detail)
+        alarm = f"The battery is low: {state.percentage:.0%}{left and f', for {left.strip()}'}."
+        return StateItem(
+            "battery", icon, f"{state.percentage:.0%}{left}", ALERT if low else GOOD, detail, alarm
+        )
 
     def _link_item(self, state: LinkState) -> StateItem:
         if (self._link.age_s or 0.0) > OLD_S or not state.peers:
@@ -127,7 +140,12 @@ class StateStrip:
         worst = max(state.peers, key=lambda peer: (not peer.is_up, peer.loss, peer.round_trip_s))
         if not worst.is_up:
             return StateItem(
-                "link", "link_off", f"{worst.robot} lost"[:24], ALERT, "the other robot is not heard"
+                "link",
+                "link_off",
+                f"{worst.robot} lost"[:24],
+                ALERT,
+                "the other robot is not heard",
+                f"The link to {worst.robot} is down.",
             )
         age = "" if math.isnan(worst.newest_state_age_s) else f", data {worst.newest_state_age_s:.1f} s old"
         loss = 0.0 if math.isnan(worst.loss) else worst.loss
@@ -135,7 +153,9 @@ class StateStrip:
         refused = sum(one.refused for one in state.ill_formed)
         ill = f"; {refused} ill-formed messages refused" if refused else ""
         detail = f"link with {worst.robot}: round trip, loss{age}{ill}"
-        return StateItem("link", "link", f"{trip}{loss:.0%} lost", ALERT if loss > MAX_LOSS else GOOD, detail)
+        alarm = f"The link to {worst.robot} loses {loss:.0%}."
+        look = ALERT if loss > MAX_LOSS else GOOD
+        return StateItem("link", "link", f"{trip}{loss:.0%} lost", look, detail, alarm)
 
     def _restarts_item(self, modules: tuple[ModuleFigures, ...]) -> StateItem:
         now_s = time.monotonic()
@@ -151,9 +171,9 @@ class StateStrip:
         text = f"{'REC ' if is_recording else ''}{bytes_text(free)} free"
         icon = "fiber_manual_record" if is_recording else "save"
         detail = "records" if is_recording else "nothing is recorded"
-        return StateItem(
-            "disk", icon, text, ALERT if free < LITTLE_DISK_BYTES else GOOD, f"{detail}; free disk"
-        )
+        look = ALERT if free < LITTLE_DISK_BYTES else GOOD
+        alarm = f"The robot's disk is almost full: {bytes_text(free)} are free."
+        return StateItem("disk", icon, text, look, f"{detail}; free disk", alarm)
 
 
 class Chip:

@@ -14,7 +14,6 @@ from robbie_mp.station.panels.camera_look import CameraLook, direction_of
 from robbie_mp.station.panels.cameras import REFRESH_S, DetectionBoxes, NewestImage
 from robbie_mp.station.panels.light_controls import LightSwitch
 from robbie_mp.station.panels.teaching import Teaching
-from robbie_mp.station.watch.cameras import ADDRESS, CameraTopic
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -82,11 +81,12 @@ class CameraPanel(Panel):
                 CameraLook(self._station, page)
             page.add_key("v", "Camera: look ahead (Shift and arrows, or drag the picture: turn it)")
         page.add_key("c", "Next camera", stage.turn)
-        page.every(
-            REFRESH_S,
-            self.name,
-            lambda: stage.update(self._robot.motion.now, page.driver.slowed if page.driver else 1.0),
-        )
+
+        def update() -> None:
+            stage.update(self._robot.motion.now, page.driver.slowed if page.driver else 1.0)
+
+        update()  # so that the picture comes with the page, and not after it
+        page.every(REFRESH_S, self.name, update)
 
 
 class Stage:
@@ -102,8 +102,8 @@ class Stage:
         self._cameras, self._looks = cameras, looks
         self._scale_m_per_s = scale_m_per_s
         self._chosen = ""
-        self._large: tuple[str, NewestImage, DetectionBoxes] | None = None
-        self._small: dict[str, NewestImage] = {}
+        self._large: tuple[str, DetectionBoxes] | None = None
+        self._small: list[str] = []
         self.root = ui.element("div").classes("camera-stage drives")
         with self.root:
             self._picture = ui.element("div").classes("camera-picture")
@@ -133,41 +133,33 @@ class Stage:
         if self._chosen not in found and names:
             self._chosen = names[0]
         if self._chosen in found:
-            self._show_large(self._chosen, found[self._chosen])
+            self._show_large(self._chosen)
         self._show_small([name for name in names if name != self._chosen][:MAX_SMALL])
         self._display.show(
             display_of(movement, self._chosen, self._scale_m_per_s, slowed, self._looks.get(self._chosen))
         )
 
-    def _show_large(self, name: str, camera: CameraTopic) -> None:
+    def _show_large(self, name: str) -> None:
         if self._large is None or self._large[0] != name:
             self._none.set_visibility(False)
             self._picture.clear()
             with self._picture:
-                image = NewestImage(address_of(name), f"camera {name}", drives=True)
+                NewestImage(name, drives=True)
                 boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
-            self._large = (name, image, boxes)
-        _, image, boxes = self._large
-        image.show(camera.latest.count)
+            self._large = (name, boxes)
+        _, boxes = self._large
         boxes.show(self._cameras.boxes(name))
 
     def _show_small(self, names: list[str]) -> None:
-        if list(self._small) != names:
+        if self._small != names:
             self._beside.clear()
-            self._small = {}
+            self._small = names
             for name in names:
                 with self._beside, ui.element("button") as button:
                     button.on("click", lambda name=name: self.choose(name))
                     button.props["title"] = button.props["aria-label"] = f"Show camera {name} large"
-                    self._small[name] = NewestImage(address_of(name), f"camera {name}")
+                    NewestImage(name)
                     ui.label(name)
-        for name, image in self._small.items():
-            image.show(self._cameras.found[name].latest.count)
-
-
-def address_of(name: str) -> str:
-    """Return the address of a camera's pictures."""
-    return ADDRESS.replace("{name:path}", name)
 
 
 def display_of(

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.element import Element
 
+from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.watch.cameras import ADDRESS, CameraTopic, ImageBox
+from robbie_mp.station.watch.cameras import CameraTopic, ImageBox
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
 
 REFRESH_S = 0.1
-"""Minimum time between two notifications of a new image to a page."""
+"""Time between two updates of what is drawn over a picture."""
 STYLE = Path(__file__).parent / "newest_image.css"
 
 
@@ -35,32 +36,20 @@ class DetectionBoxes(Element, component="detection_boxes.js"):
             self.update()
 
 
-class NewestImage(Element, component="newest_image.js"):
-    """Shows a picture, and fetches the next one when it has this one.
+class NewestImage(Element, component="newest_image.js", esm=SCRIPTS):
+    """Shows the pictures of a camera as they come.
 
     Args:
-        address: address of the pictures.
-        description: the alternative text.
+        camera: its name.
         drives: whether operators drive by it: the older it is, the slower.
     """
 
-    def __init__(self, address: str, description: str, *, drives: bool = False):
+    def __init__(self, camera: str, *, drives: bool = False):
         super().__init__()
         ui.add_css(STYLE)
-        self._props["address"] = address
+        self._props["camera"] = camera
         self._props["drives"] = drives
-        self._props["alt"] = description
-        self.show(0)
-
-    def show(self, count: int) -> None:
-        """Show the newest picture, unless it is shown already.
-
-        Args:
-            count: number of the message from which it is made; 0: there is none.
-        """
-        if self._props.get("count") != count:
-            self._props["count"] = count
-            self.update()
+        self._props["alt"] = f"camera {camera}"
 
 
 class CamerasPanel(Panel):
@@ -97,13 +86,12 @@ class CameraCard:
     def __init__(self, name: str):
         ui.label(name).classes("font-bold")
         with ui.element("div").classes("relative w-full").style("min-width: 20rem; max-width: 40rem"):
-            self._image = NewestImage(ADDRESS.replace("{name:path}", name), f"camera {name}")
-            self._image.classes("w-full block").style("image-rendering: pixelated")
+            image = NewestImage(name)
+            image.classes("w-full block").style("image-rendering: pixelated")
             self._boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
         self._text = ui.label("").classes("text-sm")
 
     def show(self, camera: CameraTopic, boxes: list[ImageBox]) -> None:
-        """Show the newest image and the detections in it."""
-        self._image.show(camera.latest.count)
+        """Show the detections in the newest image, and what it is."""
         self._boxes.show(boxes)
         self._text.set_text(camera.description)

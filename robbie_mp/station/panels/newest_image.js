@@ -1,55 +1,40 @@
-// Shows the newest picture at an address, and its age, which this browser measures: with the time at which the picture
-// was taken, and what it knows of the robot's clock (stop/emergency_stop.js). It fetches one picture at a time, and the
-// next only when there is a newer one, so that a slow link shows fewer pictures and not older ones.
+import { video } from "robbie-live";
+
+// Shows the newest picture of a camera, and its age, which this browser measures: with the time at which the picture
+// was taken, and what it knows of the robot's clock (stop/emergency_stop.js).
 export default {
   template: `<div class="newest-image" :class="{ grayscale: look === 'is-silent' }"><img ref="image" :alt="alt" draggable="false">
+    <span v-if="reason" class="no-picture">No picture: {{ reason }}</span>
     <span v-if="age" class="picture-age" :class="look">{{ age }}</span></div>`,
-  props: { address: String, count: Number, alt: String, drives: Boolean },
+  props: { camera: String, alt: String, drives: Boolean },
   data() {
-    return { age: "", look: "" };
+    return { age: "", look: "", reason: "" };
   },
   mounted() {
-    this.shown = 0;
-    this.loading = false;
     this.born_s = null;
-    this.fetch_newest();
+    video.add(this.$el, this.camera, (picture, about) => this.show(picture, about));
     this.timer = setInterval(() => this.grow(), GROW_MS);
   },
   unmounted() {
     clearInterval(this.timer);
-    this.is_gone = true;
+    video.remove(this.$el);
     if (window.picture_to_drive_by?.element === this.$el) window.picture_to_drive_by = null;
     URL.revokeObjectURL(this.$refs.image?.src ?? "");
   },
-  watch: {
-    count() {
-      this.fetch_newest();
-    },
-  },
   methods: {
-    async fetch_newest() {
-      if (this.loading || this.is_gone || !this.count || this.count === this.shown) return;
-      this.loading = true;
-      this.shown = this.count;
-      try {
-        const answer = await fetch(`${window.path_prefix}${this.address}?count=${this.count}`);
-        if (answer.status === 200) await this.show(await answer.blob(), answer.headers.get("X-Robbie-Born"));
-      } catch {
-        // The next count brings another one.
-      }
-      this.loading = false;
-      this.fetch_newest();
-    },
-    async show(picture, born_s) {
+    // picture: a Blob; null: there is none, for the reason in `about`.
+    async show(picture, { born_s, reason }) {
       const { image } = this.$refs;
       const before = image?.src;
       if (!image) return;
+      this.reason = reason ?? "";
+      if (picture === null) return;
       image.src = URL.createObjectURL(picture);
       await image.decode().catch(() => null);
       if (before) URL.revokeObjectURL(before);
       const { naturalWidth: width, naturalHeight: height } = image;
       if (width) this.$el.parentElement?.style.setProperty("--ratio", width / height);
-      this.born_s = born_s === null ? null : Number(born_s);
+      this.born_s = born_s;
       if (this.drives) window.picture_to_drive_by = { element: this.$el, born_s: this.born_s };
       this.grow();
     },

@@ -223,10 +223,15 @@ class PageChart:
             self._path = SuggestedField("field, such as ranges[90]", "plot-field")
             ui.button("Plot", on_click=self._add).props("id=plot-add").classes("q-mt-sm")
         self._list = ui.column().classes("gap-0").props("id=plot-lines")
-        self._chart = ui.echart(chart_options([]), renderer="svg").classes("w-full fills")
+        self._place = ui.column().classes("w-full fills")
+        self._chart: ui.echart | None = None
 
     def update(self) -> None:
         """Show the newest values, and suggest newly published channels."""
+        if self._chart is None:  # its library is a large part of the page
+            with self._place:
+                self._chart = ui.echart(chart_options([]), renderer="svg").classes("w-full fills")
+            self._draw_anew()
         offered = sorted(self._panel.channels())
         if offered != self._offered:
             self._offered = offered
@@ -300,8 +305,12 @@ class PageChart:
             self._panel.chosen = (*self._lines, *self._waiting)
 
     def _draw_anew(self) -> None:
+        if self._chart is None:
+            return
         self._chart.options.update(chart_options(line.name for line, _ in self._lines.values()))
         self._fill()
 
     def _fill(self) -> None:
+        if self._chart is None:
+            return
         fill(self._chart.options, {line.name: line.history for line, _ in self._lines.values()})

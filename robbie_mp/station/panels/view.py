@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from nicegui import app, ui
@@ -25,6 +26,17 @@ GROUP = "view"
 """Group of live parts that move."""
 PERIOD_S = 0.2
 """Time between updates of the objects and of the line of text."""
+LOAD = """new Promise((done) => {
+  const begin_ms = performance.now();
+  const timer = setInterval(() => {
+    const pictures = [...document.querySelectorAll(".camera-picture img")];
+    if (pictures.some((one) => !one.naturalWidth) && performance.now() - begin_ms < 5000) return;
+    clearInterval(timer);
+    done(import("nicegui-scene").then(() => true));
+  }, 100);
+})"""
+"""Loads the library of the scene, which is large, after the first picture of the camera to drive by."""
+LOAD_LIMIT_S = 60.0
 COLOURS = {"plain": "one colour", "height": "by height", "intensity": "by intensity"}
 BEHIND_AND_ABOVE_M = (-3.0, 0.0, 3.0)
 """Initial position of the camera relative to the robot."""
@@ -79,18 +91,22 @@ class ViewPanel(Panel):
                 colours.props("id=view-colours dense")
                 walls = ui.checkbox("walls", value=True).props("id=view-walls")
                 names = ui.checkbox("frame names").props("id=view-names")
-        with Moving().classes("w-full").props("id=view-moving") as moving:
-            scene = ui.scene(grid=False, background_color="#1d232a", click_events=[])
-            scene.style("width: 100%; height: 65vh").props("id=view-scene")
+        stage = ui.element("div").classes("w-full")
         shown = ui.label("nothing is known yet").props("id=view-figures")
-        scene.move_camera(*BEHIND_AND_ABOVE_M, 0.0, 0.0, 0.0, duration=0)
-        moving.move_in(scene)
-        follows.on_value_change(lambda event: moving.set(follows=bool(event.value)))
-        walls.on_value_change(lambda event: moving.set(walls=bool(event.value)))
-        colours.on_value_change(lambda event: moving.set(colours=str(event.value)))
+        wishes: dict[str, object] = {}
+        made: list[tuple[Moving, SceneDrawing]] = []
+
+        def wish(**properties: object) -> None:
+            wishes.update(properties)
+            for moving, _ in made:
+                moving.set(**properties)
+
+        follows.on_value_change(lambda event: wish(follows=bool(event.value)))
+        walls.on_value_change(lambda event: wish(walls=bool(event.value)))
+        colours.on_value_change(lambda event: wish(colours=str(event.value)))
+        sets_goal.on_value_change(lambda event: wish(placing=GOAL if event.value else ""))
         for name, button in presets.items():
-            button.on_click(lambda name=name: moving.run_method("preset", name))
-        drawing = SceneDrawing(scene, self._size_m, self._model_url)
+            button.on_click(lambda name=name: [one.run_method("preset", name) for one, _ in made])
 
         def placed(event: GenericEventArguments) -> None:
             placement = checked(event.args)
@@ -98,16 +114,30 @@ class ViewPanel(Panel):
                 place(page, self._clock, placement, self._pose.message)
             sets_goal.set_value(False)
 
-        if page.role is Role.OPERATOR:
-            sets_goal.on_value_change(lambda event: moving.set(placing=GOAL if event.value else ""))
-            moving.on("placed", placed)
-
-        def update() -> None:
+        async def update() -> None:
+            if not made:
+                # Otherwise all other changes of the page would wait for it, seconds on a slow network.
+                with suppress(TimeoutError):
+                    await ui.run_javascript(LOAD, timeout=LOAD_LIMIT_S)
+                with stage:
+                    made.append(self._make_scene())
+                made[0][0].set(**wishes)
+                if page.role is Role.OPERATOR:
+                    made[0][0].on("placed", placed)
             if self.surroundings is not None:
                 shown.set_text(in_words(self.surroundings))
-                drawing.show(self.surroundings, names=bool(names.value))
+                made[0][1].show(self.surroundings, names=bool(names.value))
 
         page.every(PERIOD_S, self.name, update)
+
+    def _make_scene(self) -> tuple[Moving, SceneDrawing]:
+        """Make the scene."""
+        with Moving().classes("w-full").props("id=view-moving") as moving:
+            scene = ui.scene(grid=False, background_color="#1d232a", click_events=[])
+            scene.style("width: 100%; height: 65vh").props("id=view-scene")
+        scene.move_camera(*BEHIND_AND_ABOVE_M, 0.0, 0.0, 0.0, duration=0)
+        moving.move_in(scene)
+        return moving, SceneDrawing(scene, self._size_m, self._model_url)
 
 
 def in_words(now: SceneContents) -> str:

@@ -199,6 +199,9 @@ window.robot_age_s = (born_s) => {
   const offset_s = (robot_clock.limits[0] + robot_clock.limits[1]) / 2;
   return Math.max(0, performance.now() / 1000 + offset_s - born_s);
 };
+// How much longer than the shortest known way something took that the robot sent, and that came here, at these times, s.
+window.robot_way_s = (sent_s, came_s) =>
+  robot_clock.limits ? Math.max(0, came_s + robot_clock.limits[0] - sent_s) : null;
 window.age_text = (age_s) => {
   if (age_s < 9.95) return `${age_s.toFixed(1)} s old`;
   return age_s < 120 ? `${Math.round(age_s)} s old` : `${Math.round(age_s / 60)} min old`;

@@ -3,15 +3,12 @@
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-from starlette.responses import Response
-
 from robbie_mp.messages import CompressedImage, Detection2DArray, Image
 from robbie_mp.module.module import MessageHandling
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.latest import Latest, MessageSource
-from robbie_mp.station.watch.pictures import NewestPicture, encode_image, no_picture, serve_pictures
+from robbie_mp.station.watch.pictures import NewestPicture
 
-ADDRESS = "/pictures/camera/{name:path}"
 MAX_CAMERAS = 12
 FRESH_NS = 500_000_000
 """Detections in an image are also drawn if it is older than the shown one by up to this time."""
@@ -57,7 +54,7 @@ class CameraTopic:
 
     def __init__(self, births: Births | None = None) -> None:
         self.latest: Latest[Image | CompressedImage] = Latest()
-        self.picture = NewestPicture(self.latest, encode_image, births)
+        self.picture = NewestPicture(self.latest, births)
 
     def boxes(
         self, found: Iterable[Detection2DArray], has_turned: HasTurned = lambda _frame, _before, _now: False
@@ -113,7 +110,6 @@ class Cameras:
         station.subscribe(Image, self._on_image, newest)
         station.subscribe(CompressedImage, self._on_image, newest)
         station.subscribe(Detection2DArray, self._on_detections, newest)
-        serve_pictures(ADDRESS, self._answer)
 
     def _on_image(self, image: Image | CompressedImage) -> None:
         topic = self._station.envelope.topic or "image"
@@ -140,6 +136,6 @@ class Cameras:
         """Return what all modules together have found in the newest image of a camera."""
         return self.found[name].boxes(self.detections.get(name, {}).values(), self._has_turned)
 
-    def _answer(self, name: str) -> Response:
-        camera = self.found.get(name)
-        return camera.picture.answer() if camera else no_picture("there is no such camera")
+    def pictures(self) -> dict[str, NewestPicture]:
+        """Return the newest picture of each camera, for pages that show it."""
+        return {name: camera.picture for name, camera in self.found.items()}

@@ -1,28 +1,22 @@
-"""Pictures for the page: made from the newest message on request, in a thread beside the event loop.
-
-The station notifies the page of a newer picture, and the page fetches it when it has received the last one. A
-page with a slow link misses some pictures, and none queue up here.
-"""
+"""Pictures for the page: made from the newest message on request, in a thread beside the event loop."""
 
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Generic
+from typing import TypeVar
 
 from nicegui import app
 from starlette.responses import Response
 
-from robbie_mp.attached.views.image_pixels import NoPicture, jpeg
+from robbie_mp.attached.views.image_pixels import NoPicture, encoded_again, jpeg
 from robbie_mp.messages import CompressedImage, Image
-from robbie_mp.module.envelope import MessageType
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.latest import Latest
 
 JPEG_QUALITY = 80
 MAX_PIXELS = 1280
 """Maximum length of a picture's longer side. Larger pictures are scaled down."""
-BORN = "X-Robbie-Born"
-"""Header with the time at which a picture was taken, s, on the robot's monotonic clock."""
+T = TypeVar("T")
 MEDIA_TYPES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
@@ -35,41 +29,78 @@ class Picture:
     headers: Mapping[str, str] = field(default_factory=dict)
 
 
-class NewestPicture(Generic[MessageType]):
-    """Makes a picture from the newest message, once for all pages.
+@dataclass(frozen=True)
+class Grade:
+    """How a picture is encoded."""
+
+    pixels: int
+    """Maximum length of its longer side."""
+    quality: int
+    """Of JPEG, 1 to 95."""
+    typical: float
+    """Its size, beside other grades of the same picture."""
+
+
+@dataclass(frozen=True)
+class GradedPicture:
+    """A camera's picture in one grade, or why there is none."""
+
+    data: bytes
+    about: Mapping[str, object]
+    """For the page: `type` of media, or `reason`; and when it was taken on the robot's clock, `born_s`."""
+
+
+class NewestPicture:
+    """The newest image of a camera, encoded in each grade once for all pages.
 
     Args:
-        latest: holder of the newest message.
-        draw: makes the picture, or raises NoPicture.
-        births: tells when it was taken, which the answer says; None: the answer does not.
+        latest: holder of the newest image.
+        births: tells when it was taken; None: the answer does not.
     """
 
-    def __init__(
-        self,
-        latest: Latest[MessageType],
-        draw: Callable[[MessageType], Picture],
-        births: Births | None = None,
-    ):
+    def __init__(self, latest: Latest[Image | CompressedImage], births: Births | None = None):
         self._births = births
         self._latest = latest
-        self._draw = draw
         self._lock = threading.Lock()
-        self._drawn = 0
-        self._answer = no_picture("there is none yet")
+        self._encoded: dict[Grade, tuple[int, GradedPicture]] = {}
 
-    def answer(self) -> Response:
-        """Answer a request. Runs in a separate thread, and may block."""
+    @property
+    def count(self) -> int:
+        """Number of the images so far."""
+        return self._latest.count
+
+    def encoded(self, grade: Grade) -> GradedPicture:
+        """Return the newest image in a grade. It may take long, so call it in a thread."""
         with self._lock:
             count, message = self._latest.count, self._latest.message
-            if message is not None and count != self._drawn:
+            known = self._encoded.get(grade)
+            if known is None or known[0] != count:
                 born_s = self._births.of(self._latest) if self._births else None
-                self._drawn, self._answer = count, answer_with(self._draw, message)
-                if born_s is not None:
-                    self._answer.headers[BORN] = f"{born_s:.3f}"
-            return self._answer
+                known = self._encoded[grade] = (count, graded(message, grade, born_s))
+            return known[1]
+
+    def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
+        """Call a function with each new image, in the module's thread. Return what ends that."""
+
+        def look(_image: object) -> None:
+            wake()
+
+        self._latest.listen(look)
+        return lambda: self._latest.ignore(look)
 
 
-def answer_with(draw: Callable[[MessageType], Picture], message: MessageType) -> Response:
+def graded(message: Image | CompressedImage | None, grade: Grade, born_s: float | None) -> GradedPicture:
+    """Return an image in a grade, or the reason why there is none."""
+    try:
+        if message is None:
+            raise NoPicture("there is none yet")
+        picture = encode_image(message, grade.pixels, grade.quality)
+    except NoPicture as error:
+        return GradedPicture(b"", {"reason": str(error), "born_s": born_s})
+    return GradedPicture(picture.data, {"type": picture.media_type, "born_s": born_s})
+
+
+def answer_with(draw: Callable[[T], Picture], message: T) -> Response:
     """Return an answer with a message's picture, or with the reason why there is none."""
     try:
         picture = draw(message)
@@ -89,16 +120,24 @@ def serve_pictures(path: str, answer: Callable[..., Response]) -> None:
     app.add_api_route(path, answer, include_in_schema=False, response_class=Response)
 
 
-def encode_image(message: Image | CompressedImage) -> Picture:
-    """Return a camera's image as JPEG. JPEG and PNG images are not changed.
+def encode_image(
+    message: Image | CompressedImage, max_pixels: int = MAX_PIXELS, quality: int = JPEG_QUALITY
+) -> Picture:
+    """Return a camera's image as JPEG. JPEG and PNG images are changed only if that makes them smaller.
+
+    Args:
+        message: the image.
+        max_pixels: maximum length of the picture's longer side.
+        quality: from 1 to 95.
 
     Raises:
         NoPicture: it has another encoding, or is damaged.
     """
-    if isinstance(message, CompressedImage):
-        data = message.data.tobytes()
-        media_type = MEDIA_TYPES.get(data[:3])
-        if media_type is None:
-            raise NoPicture(f"the format {message.format!r} is neither jpeg nor png")
-        return Picture(data, media_type)
-    return Picture(jpeg(message, JPEG_QUALITY, MAX_PIXELS), "image/jpeg")
+    if isinstance(message, Image):
+        return Picture(jpeg(message, quality, max_pixels), "image/jpeg")
+    data = message.data.tobytes()
+    media_type = MEDIA_TYPES.get(data[:3])
+    if media_type is None:
+        raise NoPicture(f"the format {message.format!r} is neither jpeg nor png")
+    smaller = b"" if quality >= JPEG_QUALITY else encoded_again(data, quality, max_pixels)
+    return Picture(smaller, "image/jpeg") if 0 < len(smaller) < len(data) else Picture(data, media_type)

@@ -17,6 +17,7 @@ from robbie_mp.station.context import context_of
 from robbie_mp.station.driving.driver import Driver
 from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
+from robbie_mp.station.page.alarms import AlarmBar
 from robbie_mp.station.page.build import BrowserLink, PageParts, build_page
 from robbie_mp.station.page.cockpit import TILE_PATH
 from robbie_mp.station.page.control_bar import ControlBar
@@ -148,6 +149,7 @@ class Website:
         station, strip = self._context, self._strip
         control = ControlBar(station.messages, station.operators)
         playback = PlaybackBar(station.messages, [kind for one in self._panels for kind in one.log_events])
+        alarms = AlarmBar(strip.alarms)
         marker = MomentMarker(station.clock, station.log)
         below = [panel.build_below_tiles for panel in self._panels]
         if past := station.settings.past_of:
@@ -165,7 +167,11 @@ class Website:
             driver=lambda page: Driver(station, page, self._module.publish),
             strip=strip.build,
             tools=[marker.build, self._emergency_stop.build],
-            bars=[control.build, *(panel.build_on_every_tab for panel in self._panels)],
+            bars=[
+                control.build,
+                alarms.build,
+                *(panel.build_on_every_tab for panel in self._panels),
+            ],
             foot=[*below, playback.build, control.add_keys],
             panels=titled,
             plays_log=lambda: playback.has_log,
@@ -195,7 +201,8 @@ class Website:
         """Return an application that serves the pages, which are limited, and their own connections."""
         open_pages = self._context.operators.pages
         PageEvents(open_pages, self._access.refusals)
-        live = with_live(with_known_packets(pages), self._context.live)
+        cameras = self._context.robot.cameras.pictures
+        live = with_live(with_known_packets(pages), self._context.live, cameras)
         return with_page_limit(self._emergency_stop.service.beside(live), self._access, open_pages)
 
     @property

@@ -1,12 +1,14 @@
 // Parts that the page draws many times a second; the other end is live/parts.py.
 
 const RETRY_MS = 1000;
+const WAIT_MS = 100;
 
 // Follows groups of live parts while an element is visible: draws each packet, then reports that.
 export class Live {
-  // draw(parts): draws the changed parts, as { name: ArrayBuffer }; may return a promise.
-  constructor(groups, element, draw) {
-    Object.assign(this, { groups, element, draw, socket: null, in_sight: false });
+  // draw(parts, came_s): draws the changed parts, as { name: ArrayBuffer }, which came at a time of this browser's clock;
+  // returns what to report, or nothing; may return a promise. opened(): called when there is a new connection.
+  constructor(groups, element, draw, opened = () => {}) {
+    Object.assign(this, { groups, element, draw, opened, socket: null, in_sight: false });
     this.look = this.look.bind(this);
     this.observer = new IntersectionObserver((entries) => {
       this.in_sight = entries.at(-1).isIntersecting;
@@ -19,23 +21,24 @@ export class Live {
   look() {
     const wanted = this.in_sight && document.visibilityState === "visible";
     // A socket that is still opening is closed then: otherwise the browser reports an error.
-    if (!wanted && this.socket?.readyState === WebSocket.CONNECTING) this.socket.onopen = this.look;
+    if (!wanted && this.socket?.readyState === WebSocket.CONNECTING) this.socket.onopen = () => this.look();
     else if (!wanted) this.socket?.close();
     else if (!this.socket && !this.timer) this.open();
   }
 
   open() {
     // While the page itself is not connected, there is no server to connect to.
-    if (!window.socket?.connected) return this.try_again();
+    if (!window.socket?.connected) return this.try_again(WAIT_MS);
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = (this.socket = new WebSocket(`${scheme}//${location.host}${window.path_prefix}/live/${this.groups}`));
     socket.binaryType = "arraybuffer";
     let drawn = Promise.resolve();
+    socket.onopen = () => this.opened();
     socket.onmessage = (event) => {
+      const came_s = performance.now() / 1000;
       drawn = drawn
-        .then(() => this.draw(unpacked(event.data)))
-        .then(() => new Promise(requestAnimationFrame))
-        .then(() => socket.readyState === WebSocket.OPEN && socket.send("drawn"));
+        .then(() => this.draw(unpacked(event.data), came_s))
+        .then((said) => new Promise(requestAnimationFrame).then(() => this.say(said ?? "drawn", socket)));
     };
     socket.onclose = () => {
       this.socket = null;
@@ -43,11 +46,15 @@ export class Live {
     };
   }
 
-  try_again() {
+  say(text, socket = this.socket) {
+    if (socket?.readyState === WebSocket.OPEN) socket.send(text);
+  }
+
+  try_again(after_ms = RETRY_MS) {
     this.timer = setTimeout(() => {
       this.timer = null;
       this.look();
-    }, RETRY_MS);
+    }, after_ms);
   }
 
   close() {
@@ -72,6 +79,57 @@ function unpacked(buffer) {
 export function from_json(part) {
   return JSON.parse(new TextDecoder().decode(part));
 }
+
+// The pictures of the cameras that are in sight, on one connection for all of them; the other end is live/video.py.
+class Video {
+  constructor() {
+    this.views = new Map();
+    this.observer = new IntersectionObserver((entries) => {
+      for (const one of entries) if (this.views.has(one.target)) this.views.get(one.target).in_sight = one.isIntersecting;
+      this.tell();
+    });
+    this.resized = new ResizeObserver(() => this.tell());
+  }
+
+  // show(blob, about): shows a picture of the camera in the element; may return a promise.
+  add(element, camera, show) {
+    this.views.set(element, { camera, show, in_sight: false });
+    this.observer.observe(element);
+    this.resized.observe(element);
+    this.live ??= new Live("video", document.documentElement, this.draw.bind(this), () => this.tell(true));
+  }
+
+  remove(element) {
+    this.views.delete(element);
+    this.observer.unobserve(element);
+    this.resized.unobserve(element);
+    this.tell();
+    if (this.views.size) return;
+    this.live?.close();
+    this.live = null;
+  }
+
+  // Tells which cameras are in sight, and at which width.
+  tell(is_new = false) {
+    const want = {};
+    for (const [element, { camera, in_sight }] of this.views)
+      if (in_sight) want[camera] = Math.max(want[camera] ?? 1, Math.round(element.clientWidth * devicePixelRatio));
+    const text = JSON.stringify({ want });
+    if (text !== this.told || is_new) this.live?.say(text);
+    this.told = text;
+  }
+
+  async draw(parts, came_s) {
+    const about = from_json(parts.about);
+    const way_s = window.robot_way_s?.(about.sent_s, came_s);
+    const shown = [...this.views.values()].filter(({ camera, in_sight }) => in_sight && camera === about.camera);
+    const picture = about.reason ? null : new Blob([parts.picture], { type: about.type });
+    await Promise.all(shown.map(({ show }) => show(picture, about)));
+    return JSON.stringify({ way_s });
+  }
+}
+
+export const video = new Video();
 
 // The map as one picture with the largest y at the top, composed of its tiles (live/map.py).
 export class MapPicture {

@@ -1,0 +1,230 @@
+"""The pictures of cameras for one page, as large, as good and as often as its network lets them through.
+
+The page names the cameras that are in its sight. With each picture that it has drawn it says how long the
+picture was on its way beyond the shortest time that it knows (stop/emergency_stop.js). So the station knows
+how many seconds a byte costs, and sends the next picture, always the newest, in a grade that costs little.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from robbie_mp.station.live.parts import DRAWING_LIMIT_S, packed
+from robbie_mp.station.watch.pictures import Grade, NewestPicture
+
+VIDEO = "video"
+"""The group of live parts that is the video."""
+MIN_PERIOD_S = 0.08
+"""Between two pictures of one camera: enough for ten a second of a camera that is not quite regular."""
+SMALL_PERIOD_S = 0.3
+"""The same for all cameras but the largest."""
+COST_LIMIT_S, SMALL_COST_S = 0.07, 0.03
+"""Time that the network may need for a picture."""
+RISE_SHARE = 0.7
+"""A better grade must cost only this share of it, so that grades do not alternate."""
+USED_SHARE = 0.75
+"""Pictures use this share of the time at most, which leaves room for the rest of the page."""
+JAM_S = 0.4
+"""A picture that was so long on its way ends all estimates from before."""
+LEAST_BYTES = 1500
+"""What takes longer for less is not the network, but the browser."""
+LONGEST_WAIT_S = 1.0
+"""Between two pictures, whatever they cost."""
+MAX_AHEAD = 3
+"""Maximum number of pictures in flight to a page, so that it does not wait for round trips."""
+MAX_WANTED = 12
+MAX_TEXT = 4096
+ESTIMATES = 8
+"""Number of pictures whose cheapest tells the cost of a byte: the others waited for the browser."""
+
+
+GRADES = (
+    Grade(1280, 80, 100.0),
+    Grade(960, 70, 55.0),
+    Grade(640, 70, 32.0),
+    Grade(640, 45, 19.0),
+    Grade(480, 45, 12.0),
+    Grade(320, 60, 8.0),
+    Grade(320, 40, 6.3),
+    Grade(240, 45, 4.5),
+)
+"""From the best to the one below which nobody could drive: then there are fewer pictures instead."""
+FIRST = 5
+"""The grade until the network is known."""
+
+
+@dataclass
+class NetworkCost:
+    """What pictures cost the network, by what the page says."""
+
+    _s_per_byte: deque[float] = field(default_factory=lambda: deque(maxlen=ESTIMATES))
+
+    def add(self, size: int, way_s: float) -> None:
+        """Add a picture.
+
+        Args:
+            size: in bytes.
+            way_s: time that it was on its way beyond the shortest time.
+        """
+        if way_s > JAM_S:
+            self._s_per_byte.clear()
+        self._s_per_byte.append(max(way_s, 0.0) / max(LEAST_BYTES, size))
+
+    def of(self, size: float) -> float | None:
+        """Return what a picture of some size costs, s; None: nothing is known yet."""
+        return size * min(self._s_per_byte) if self._s_per_byte else None
+
+
+@dataclass
+class WantedVideo:
+    """A camera that the page shows."""
+
+    name: str
+    pixels: int
+    """Width at which it is shown."""
+    sent: int = 0
+    """Number of the last sent image."""
+    sent_s: float = -math.inf
+    grade: int = FIRST
+    sizes: dict[int, int] = field(default_factory=dict)
+    """The last size of each grade, bytes."""
+
+    def size(self, grade: int) -> float:
+        """Return the size (bytes) that a grade is expected to have."""
+        if grade in self.sizes:
+            return self.sizes[grade]
+        known = min(self.sizes, key=lambda one: abs(one - grade), default=None)
+        if known is None:
+            return 1000.0 * GRADES[grade].typical
+        return self.sizes[known] * GRADES[grade].typical / GRADES[known].typical
+
+    def choose(self, cost: NetworkCost, limit_s: float) -> int:
+        """Choose the best grade that the network carries in time, and no finer than the screen shows."""
+        last = len(GRADES) - 1
+        fits = [index for index, one in enumerate(GRADES) if one.pixels <= 2 * self.pixels or index == last]
+        for index in fits:
+            cost_s = cost.of(self.size(index))
+            if cost_s is None:
+                return max(FIRST, fits[0])
+            if cost_s <= (RISE_SHARE if index < self.grade else 1.0) * limit_s:
+                return index
+        return last
+
+
+class VideoFollower:
+    """Chooses the next pictures of one page; the interface is that of `parts.Follower`.
+
+    Args:
+        cameras: all cameras by name, as they are now.
+    """
+
+    def __init__(self, cameras: Callable[[], Mapping[str, NewestPicture]]):
+        self._cameras = cameras
+        self._wanted: dict[str, WantedVideo] = {}
+        self._ends: list[Callable[[], None]] = []
+        self._cost = NetworkCost()
+        self._flying: deque[int] = deque()
+        """Sizes of the pictures that the page has not yet drawn, bytes."""
+        self._free_s = -math.inf
+        """From when on the network has room for the next picture."""
+        self._drawn_s = time.monotonic()
+        self._is_gone = False
+        self._loop = asyncio.get_running_loop()
+        self._changed = asyncio.Event()
+
+    def hear(self, text: str) -> None:
+        """Take what the page says: which cameras it shows, or that it has drawn a picture."""
+        try:
+            said = json.loads(text) if len(text) <= MAX_TEXT else None
+        except (ValueError, RecursionError):
+            return
+        if isinstance(said, dict) and isinstance(said.get("want"), dict):
+            self._want(said["want"])
+        elif isinstance(said, dict) and self._flying:
+            size, way_s = self._flying.popleft(), said.get("way_s")
+            if isinstance(way_s, (int, float)) and math.isfinite(way_s):
+                self._cost.add(size, way_s)
+            self._drawn_s = time.monotonic()
+        self._changed.set()
+
+    def _want(self, wanted: dict[str, object]) -> None:
+        kept = {name: size for name, size in wanted.items() if isinstance(size, int) and 0 < size < 1 << 14}
+        self._wanted = {
+            name: self._wanted.get(name) or WantedVideo(name, size)
+            for name, size in sorted(kept.items(), key=lambda one: -one[1])[:MAX_WANTED]
+        }
+        for name, one in self._wanted.items():
+            one.pixels = kept[name]
+        self._listen()
+
+    def _listen(self) -> None:
+        for end in self._ends:
+            end()
+        cameras = self._cameras()
+        self._ends = [cameras[name].listen(self.wake) for name in self._wanted if name in cameras]
+
+    def wake(self) -> None:
+        """Look for a new picture. Any thread may call this."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._changed.set)
+
+    def go(self) -> None:
+        """Stop sending."""
+        self._is_gone = True
+        self._wanted = {}
+        self._listen()
+        self._changed.set()
+
+    async def next(self) -> bytes | None:
+        """Wait for the next picture, and return a packet with it; None if there will be none."""
+        while not self._is_gone:
+            self._changed.clear()
+            now_s = time.monotonic()
+            if self._flying and now_s - self._drawn_s > DRAWING_LIMIT_S:
+                break
+            wait_s, chosen = self._next_due(now_s)
+            if chosen is not None and wait_s <= 0.0:
+                return await self._packet(chosen)
+            try:
+                await asyncio.wait_for(self._changed.wait(), min(DRAWING_LIMIT_S, max(wait_s, 0.001)))
+            except asyncio.TimeoutError:
+                continue
+        return None
+
+    def _next_due(self, now_s: float) -> tuple[float, WantedVideo | None]:
+        """Return the camera whose picture is next, and the time (s) until it may be sent."""
+        if len(self._flying) >= MAX_AHEAD:
+            return DRAWING_LIMIT_S, None
+        cameras = self._cameras()
+        waits = [
+            (one.sent_s + (SMALL_PERIOD_S if index else MIN_PERIOD_S) - now_s, index, one)
+            for index, one in enumerate(self._wanted.values())
+            if one.name in cameras and cameras[one.name].count != one.sent
+        ]
+        if not waits:
+            # A camera that is not known yet does not wake this.
+            return (1.0 if self._wanted.keys() - cameras.keys() else DRAWING_LIMIT_S), None
+        wait_s, _, chosen = min(waits, key=lambda one: one[:2])
+        return max(wait_s, self._free_s - now_s), chosen
+
+    async def _packet(self, wanted: WantedVideo) -> bytes:
+        source = self._cameras()[wanted.name]
+        is_large = next(iter(self._wanted.values())) is wanted
+        wanted.grade = wanted.choose(self._cost, COST_LIMIT_S if is_large else SMALL_COST_S)
+        wanted.sent = source.count
+        picture = await asyncio.to_thread(source.encoded, GRADES[wanted.grade])
+        wanted.sent_s = now_s = time.monotonic()
+        size = len(picture.data)
+        wanted.sizes[wanted.grade] = size
+        self._free_s = now_s + min(LONGEST_WAIT_S, (self._cost.of(size) or 0.0) / USED_SHARE)
+        if not self._flying:
+            self._drawn_s = now_s
+        self._flying.append(size)
+        about = {"camera": wanted.name, "sent_s": now_s, **picture.about}
+        return packed({"about": json.dumps(about).encode(), "picture": picture.data})

@@ -1,0 +1,155 @@
+"""Pictures are as good as the network lets them through, always the newest, and few are under way."""
+
+import asyncio
+import json
+import struct
+from collections.abc import Coroutine
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robbie_mp.messages import CompressedImage, Image
+from robbie_mp.station.live.video import (
+    COST_LIMIT_S,
+    GRADES,
+    MAX_AHEAD,
+    MAX_WANTED,
+    NetworkCost,
+    VideoFollower,
+    WantedVideo,
+)
+from robbie_mp.station.watch.latest import Latest
+from robbie_mp.station.watch.pictures import NewestPicture
+
+BIT_PER_BYTE = 8.0
+
+
+class Camera:
+    """A camera of noise, whose pictures are numbered by their height."""
+
+    def __init__(self) -> None:
+        self.latest: Latest[Image | CompressedImage] = Latest()
+        self.picture = NewestPicture(self.latest)
+        self.taken = 0
+
+    def take(self) -> None:
+        self.taken += 1
+        pixels = np.random.default_rng(1).integers(0, 256, (self.taken, 64), np.uint8)
+        self.latest.put(Image(height=self.taken, width=64, encoding="mono8", step=64, data=pixels.ravel()))
+
+
+def about(packet: bytes | None) -> dict[str, Any]:
+    assert packet is not None
+    at = 4 + struct.unpack_from("<I", packet)[0]
+    found: dict[str, Any] = json.loads(packet[at : at + json.loads(packet[4:at])[0][1]])
+    return found
+
+
+def run(steps: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(asyncio.wait_for(steps, 60.0))
+
+
+@pytest.mark.parametrize(("mbit_per_s", "pixels"), [(20.0, 1280), (5.0, 640), (1.0, 320), (0.3, 240)])
+def test_grade_is_the_best_whose_pictures_come_in_time(mbit_per_s: float, pixels: int) -> None:
+    video, cost = WantedVideo("camera", 1280), NetworkCost()
+    for _ in range(50):
+        video.grade = video.choose(cost, COST_LIMIT_S)
+        size = round(1000 * GRADES[video.grade].typical)  # of a usual camera
+        video.sizes[video.grade] = size
+        cost.add(size, BIT_PER_BYTE * size / (mbit_per_s * 1e6))
+    assert GRADES[video.grade].pixels == pixels
+    assert cost.of(video.size(video.grade)) == pytest.approx(BIT_PER_BYTE * size / (mbit_per_s * 1e6))
+
+
+def test_jam_lowers_the_grade_at_once() -> None:
+    video, cost = WantedVideo("camera", 1280), NetworkCost()
+    for _ in range(20):
+        cost.add(40_000, 0.004)
+    assert video.choose(cost, COST_LIMIT_S) == 0
+    cost.add(40_000, 1.5)
+    assert GRADES[video.choose(cost, COST_LIMIT_S)].pixels <= 320
+
+
+def test_few_bytes_that_come_late_do_not_stop_the_video() -> None:
+    async def steps() -> None:
+        camera = Camera()
+        follower = VideoFollower(lambda: {"eye": camera.picture})
+        follower.hear('{"want": {"eye": 640}}')
+        for _ in range(3):
+            camera.take()
+            await follower.next()
+            follower.hear('{"way_s": 30.0}')  # of a browser that hung
+        follower.go()
+
+    run(steps())
+
+
+def test_small_picture_is_no_finer_than_it_is_shown() -> None:
+    cost = NetworkCost()
+    cost.add(1000, 0.0)
+    assert GRADES[WantedVideo("camera", 200).choose(cost, COST_LIMIT_S)].pixels <= 400
+
+
+def test_newest_picture_is_sent_and_few_are_under_way() -> None:
+    async def steps() -> None:
+        camera = Camera()
+        follower = VideoFollower(lambda: {"eye": camera.picture})
+        follower.hear('{"want": {"eye": 640}}')
+        for _ in range(MAX_AHEAD):
+            camera.take()
+            assert about(await follower.next())["camera"] == "eye"
+        waiting = asyncio.ensure_future(follower.next())
+        for _ in range(5):
+            camera.take()
+        await asyncio.sleep(0.2)
+        assert not waiting.done()
+        follower.hear('{"way_s": 0.01}')
+        await waiting
+        assert camera.picture.encoded(GRADES[0]).about["born_s"] is None
+        follower.go()
+        assert await follower.next() is None
+
+    run(steps())
+
+
+def test_camera_without_a_picture_says_why() -> None:
+    async def steps() -> None:
+        latest: Latest[Image | CompressedImage] = Latest()
+        follower = VideoFollower(lambda: {"depth": NewestPicture(latest)})
+        follower.hear('{"want": {"depth": 640}}')
+        latest.put(Image(height=1, width=1, encoding="16UC1", step=2, data=np.zeros(2, np.uint8)))
+        assert "16UC1" in about(await follower.next())["reason"]
+        follower.go()
+
+    run(steps())
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "",
+        "drawn",
+        "[]",
+        "{",
+        '{"want": 3}',
+        '{"want": {"eye": "x", "no": -1}}',
+        '{"way_s": "NaN"}',
+        "[" * 5000,
+    ],
+)
+def test_ill_formed_words_of_a_page_do_no_harm(said: str) -> None:
+    async def steps() -> None:
+        camera = Camera()
+        follower = VideoFollower(lambda: {"eye": camera.picture})
+        follower.hear(said)
+        many = {f"camera {number}": 100 for number in range(3 * MAX_WANTED)}
+        follower.hear(json.dumps({"want": many}))
+        follower.hear('{"want": {"eye": 640}}')
+        camera.take()
+        packet = about(await follower.next())
+        assert packet["camera"] == "eye"
+        follower.hear(said)
+        follower.go()
+
+    run(steps())

@@ -1,0 +1,43 @@
+"""A module with a camera whose pictures are as large as those of a real one that turns in a room."""
+
+import numpy as np
+
+from robbie_mp import Header, Module
+from robbie_mp.messages import Image
+
+HEIGHT, WIDTH = 480, 640
+PANORAMA = 3 * WIDTH
+STEP_PX = 8
+SHAPES, NOISE = 240, 6.0
+
+
+class MovingCamera(Module):
+    """Publishes pictures of a scene that passes by: boxes of all sizes and colours, and a sensor's noise."""
+
+    period_s = 0.1
+
+    def setup(self) -> None:
+        """Draw the scene."""
+        chance = np.random.default_rng(1)
+        scene = np.full((HEIGHT, PANORAMA, 3), 110.0)
+        for _ in range(SHAPES):
+            width, height = chance.integers(8, 160, 2)
+            x, y = chance.integers(0, PANORAMA - width), chance.integers(0, HEIGHT - height)
+            scene[y : y + height, x : x + width] = chance.uniform(20, 235, 3)
+        scene += chance.normal(0.0, NOISE, scene.shape)
+        self.scene = np.clip(scene, 0, 255).astype(np.uint8)
+        self.left_px = 0
+
+    def tick(self) -> None:
+        """Publish the next picture."""
+        self.left_px = (self.left_px + STEP_PX) % (PANORAMA - WIDTH)
+        pixels = np.ascontiguousarray(self.scene[:, self.left_px : self.left_px + WIDTH])
+        image = Image(
+            header=Header(stamp=self.now(), frame_id="camera_optical"),
+            height=HEIGHT,
+            width=WIDTH,
+            encoding="rgb8",
+            step=3 * WIDTH,
+            data=pixels.ravel(),
+        )
+        self.publish(image, topic="camera")

@@ -1,0 +1,122 @@
+"""Measures the page over slow networks: how soon it is there, and how old and smooth its picture is.
+
+    python -m tools.operator.video --mbit 20 5 1 0.3 --seconds 20 --json FILE
+
+A robot and a real Chromium are on two hosts of a test network (root). The robot's camera sends ten pictures
+of 640 x 480 pixels a second. The age of the picture is the one that the page shows, which the tests compare
+with a time code in the picture.
+"""
+
+import argparse
+import json
+import shlex
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from playwright.sync_api import Browser, Page
+
+from tools.operator.chromium import CHROMIUM, chromium
+from tools.operator.scene import TOKEN, Scene
+from tools.test_network.network import Host, Network, NetworkConditions
+
+CAMERA = {"moving_camera": {"class": "tools.operator.moving_camera:MovingCamera"}}
+QUEUE_S = 0.3
+SETTLE_S = 12.0
+COUNT = """(() => {
+  const pictures = (window.pictures = []), ages = (window.ages = []);
+  document.addEventListener("load", ({ target }) => {
+    if (target.matches?.(".camera-picture img")) pictures.push([performance.now(), target.naturalWidth]);
+  }, true);
+  setInterval(() => {
+    const text = document.querySelector(".camera-picture .picture-age")?.textContent;
+    if (text) ages.push(parseFloat(text));
+  }, 50);
+})()"""
+"""Records when pictures are shown, ms, their width, and every 50 ms the age that the page shows, s."""
+BEGIN = "() => { window.pictures.length = window.ages.length = 0; }"
+LOADED = """() => performance.getEntriesByType("resource").concat(performance.getEntriesByType("navigation"))
+  .reduce((sum, one) => sum + one.transferSize, 0)"""
+
+
+def measure(scene: Scene, browser: Browser, host: Host, seconds: float) -> dict[str, float]:
+    """Load the page twice, and look at its picture."""
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    page = context.new_page()
+    page.set_default_timeout(180_000)
+    page.add_init_script(COUNT)  # also in a page that loads itself again
+    try:
+        page.goto(f"{scene.address(host.address)}login")
+        page.fill("#token", TOKEN)
+        first_s = until_ready(page, lambda: page.keyboard.press("Enter"))
+        loaded_kb = page.evaluate(LOADED) / 1e3
+        again_s = until_ready(page, page.reload)
+        page.wait_for_timeout(SETTLE_S * 1e3)
+        page.evaluate(BEGIN)
+        page.wait_for_timeout(seconds * 1e3)
+        pictures, ages = page.evaluate("[window.pictures, window.ages]")
+    finally:
+        context.close()
+    return {
+        "first load, s": first_s,
+        "first load, kB": loaded_kb,
+        "load again, s": again_s,
+        "pictures/s": len(pictures) / seconds,
+        "width, pixels": float(np.median([width for _, width in pictures] or [0])),
+        "age p50, s": float(np.median(ages or [np.nan])),
+        "age p95, s": float(np.percentile(ages or [np.nan], 95)),
+        "age max, s": float(max(ages or [np.nan])),
+    }
+
+
+def until_ready(page: Page, load: Any) -> float:
+    """Return the time (s) until a page has its emergency stop and a picture."""
+    begin_s = time.monotonic()
+    load()
+    page.wait_for_selector("#emergency-stop-state:has-text('ready')")
+    page.wait_for_selector(".camera-picture .picture-age")
+    return time.monotonic() - begin_s
+
+
+@contextmanager
+def stage(folder: Path) -> Iterator[tuple[Network, Scene, Browser]]:
+    """Start a robot on one host, and a browser on the other one."""
+    with ExitStack() as stack:
+        network = stack.enter_context(Network("robot", "laptop"))
+        scene = Scene(folder / "page", None, CAMERA, on_host=network.host("robot").command())
+        stack.callback(scene.close)
+        scene.begin()
+        starter = folder / "chromium"
+        on_laptop = shlex.join(network.host("laptop").command())
+        starter.write_text(f'#!/bin/sh\nexec {on_laptop} {CHROMIUM} "$@"\n')
+        starter.chmod(0o755)
+        yield network, scene, stack.enter_context(chromium(starter))
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure at each rate, and print a line of figures for each."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--mbit", type=float, nargs="+", default=[20.0, 5.0, 1.0, 0.3])
+    parser.add_argument("--round-trip-ms", type=float, default=80.0)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--json", type=Path)
+    chosen = parser.parse_args(arguments)
+    found = {}
+    with tempfile.TemporaryDirectory() as folder, stage(Path(folder)) as (network, scene, browser):
+        for mbit in chosen.mbit:
+            delay_s = chosen.round_trip_ms / 2e3
+            network.set(NetworkConditions(bandwidth_bit_per_s=mbit * 1e6, queue_s=QUEUE_S, delay_s=delay_s))
+            found[mbit] = measure(scene, browser, network.host("robot"), chosen.seconds)
+            rounded = {name: round(value, 2) for name, value in found[mbit].items()}
+            print(f"{mbit} Mbit/s:", rounded, flush=True)
+    if chosen.json:
+        chosen.json.write_text(json.dumps(found, indent=1))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
