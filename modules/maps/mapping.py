@@ -161,7 +161,7 @@ class Mapping(Module):
         if self.mapper.slips_noticed:
             self.status += f", {self.mapper.slips_noticed} slips"
         if self.mapper.gaps_noticed:
-            self.status += f", {self.mapper.gaps_noticed} gaps"
+            self.status += f", {self.mapper.gaps_noticed} gaps ({self.mapper.gaps_open} open)"
         if not self.mapper.is_certain:
             self.status += ", LOST"
         height, width = self.mapper.known_cells
@@ -236,6 +236,8 @@ class Mapping(Module):
             "slips_not_undone": self.mapper.slips_not_undone,
             "gaps_noticed": self.mapper.gaps_noticed,
             "gaps_open": self.mapper.gaps_open,
+            "loops_taken_back": self.mapper.loops_taken_back,
+            "odometry_noise": self.mapper.odometry_noise.round(3).tolist(),
             "map": {
                 "width_cells": known.shape[1],
                 "height_cells": known.shape[0],

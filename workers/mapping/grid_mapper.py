@@ -204,6 +204,16 @@ class GridMapper:
         return self._closer.closed
 
     @property
+    def loops_taken_back(self) -> int:
+        """Number of loops that later ones contradicted."""
+        return self._closer.taken_back
+
+    @property
+    def odometry_noise(self) -> NDArray[np.float64]:
+        """Odometry's standard deviation along, across, in heading; 1 for that of an uncalibrated robot."""
+        return self._tracker.noise.share
+
+    @property
     def slips_noticed(self) -> int:
         """Number of times that odometry was far from what the laser saw."""
         return self._slips.noticed
@@ -429,6 +439,7 @@ class GridMapper:
         moved = heirs[keys] != keys
         anchors[moved, 5:8] = offsets[moved]
         anchors[:, 4] = heirs[keys] - np.searchsorted(numbers, heirs[keys])
+        self._closer.renumber(heirs - np.searchsorted(numbers, heirs))
         self.thinned += len(numbers)
 
     def _anchor(

@@ -3,9 +3,15 @@
 A candidate lies near the robot on the map, within the possible drift along the pose graph (Olson, "Robust and
 efficient robotic mapping", 2008). It is accepted only if the surfaces agree and neither side looked through a
 surface that the other hit. This rejects places that only look alike.
+
+Where no loop has been closed for long, places anywhere on the map that look alike are candidates too
+(`place_index`). Such a loop is closed when several places in succession agree on where the robot is, each of
+them known in all directions. A loop that later ones contradict is taken back.
 """
 
+from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +19,7 @@ from numpy.typing import NDArray
 
 from robbie_robots.workers.mapping.correlative_search import ScoreField, SearchWindow, search
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.place_index import PlaceIndex
 from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
 from robbie_robots.workers.planar_pose import (
     compose,
@@ -41,26 +48,76 @@ MOST_MISSING = 0.1  # share of the old surfaces that the new sweeps looked throu
 SAME_M = 0.1
 SETTLED_M = 0.03  # an edge that disagrees with the map by less waits for others
 MOST_WAITING = 30
+MOST_ALIKE = 50  # places that wait for others that agree with them
+LONG_M = 25.0  # travel without a closed loop, after which places far away on the map are candidates
+FAR_REACH_M, FAR_REACH_RAD = 2.0, 0.3
+FAR_DRIFT = 0.3  # greatest drift, as a share of the travel
+FAR_OVERLAP, FAR_DEVIATION = 0.6, np.array([0.15, 0.15, 0.05])  # m, m, rad
+AGREEING, AGREEING_WITHIN_M = 3, 20.0  # places that must agree, and the travel on which they lie
+SAME_PLACE = np.array([0.5, 0.5, 0.1])  # m, m, rad: what places that agree may differ by, and
+SAME_PER_M = 0.02  # m for each m of travel between them
+
+
+@dataclass(frozen=True)
+class _Alike:
+    """An old key sweep, the newer one that may be there, and its pose in the frame of the old one."""
+
+    old: int
+    new: int
+    offset: NDArray[np.float64]
+    information: NDArray[np.float64]
 
 
 class LoopCloser:
-    """Looks for loops at new key sweeps and keeps the pose graph settled."""
+    """Looks for loops at new key sweeps and keeps the pose graph settled.
+
+    Attributes:
+        closed: Number of loops closed.
+        taken_back: Number of those that later ones contradicted.
+    """
 
     def __init__(self, keys: KeySweeps) -> None:
         self._keys = keys
         self._looked_at_m = 0.0
         self._waiting = 0
+        self._closed_at_m = 0.0
+        self._places = PlaceIndex(keys)
+        self._alike: deque[_Alike] = deque(maxlen=MOST_ALIKE)
         self.closed = 0
+        self.taken_back = 0
 
-    def state(self) -> dict[str, float]:
+    def state(self) -> dict[str, Any]:
         """Return the progress of the search."""
-        return {"looked_at_m": self._looked_at_m, "waiting": self._waiting, "closed": self.closed}
+        return {
+            "looked_at_m": self._looked_at_m,
+            "waiting": self._waiting,
+            "closed": self.closed,
+            "closed_at_m": self._closed_at_m,
+            "taken_back": self.taken_back,
+            "places": self._places.state(),
+            "alike": [
+                {"ends": (one.old, one.new), "offset": one.offset, "information": one.information}
+                for one in self._alike
+            ],
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore the data that `state` returned."""
         self._looked_at_m = float(state["looked_at_m"])
         self._waiting = int(state["waiting"])
         self.closed = int(state["closed"])
+        if "places" in state:
+            self._closed_at_m, self.taken_back = float(state["closed_at_m"]), int(state["taken_back"])
+            self._places.restore(state["places"])
+            self._alike.extend(
+                _Alike(*one["ends"], np.array(one["offset"]), np.array(one["information"]))
+                for one in state["alike"]
+            )
+
+    def renumber(self, new_numbers: NDArray[np.int64]) -> None:
+        """Take the new number of each old key sweep `(N,)`: its own, or its heir's."""
+        self._places.renumber(new_numbers)
+        self._alike.clear()
 
     def look(self) -> bool:
         """Look for loops at the newest key sweep. Return whether closing one has moved the map."""
@@ -72,16 +129,18 @@ class LoopCloser:
         before = self._keys.poses[newest].copy()
         misfit = 0.0
         for old, reach_m in self._candidates(newest):
-            match = self._recognised(newest, old, reach_m)
+            window = SearchWindow(reach_m, float(np.clip(0.1 * (1 + reach_m), 0.0, 0.5)), 0.02 / reach_m**2)
+            match = self._recognised(newest, old, before, window)
             if match is None:
                 continue
-            base = self._keys.poses[old]
-            information = rotated_information(match.information, -base[2])
-            self._keys.graph.add_edge(old, newest, relative(base, match.pose), information, closes_loop=True)
-            self.closed += 1
-            self._waiting += 1
+            self._close(self._seen(old, newest, match))
             off = match.pose - before
             misfit = max(misfit, float(np.hypot(off[0], off[1])), abs(float(wrap_angle(off[2]))))
+        place = self._places.look()
+        if place is not None and travelled[place] - self._closed_at_m > LONG_M:
+            for loop in self._far(place):
+                self._close(loop)
+                misfit = np.inf
         return self.settle() if misfit > SETTLED_M or self._waiting > MOST_WAITING else False
 
     def settle(self) -> bool:
@@ -90,7 +149,51 @@ class LoopCloser:
             return False
         self._waiting = 0
         self._keys.graph.optimise()
+        self.taken_back += self._keys.graph.drop_contradicted()
         return True
+
+    def _seen(self, old: int, new: int, match: Match) -> _Alike:
+        base = self._keys.poses[old]
+        information = rotated_information(match.information, -base[2])
+        return _Alike(old, new, relative(base, match.pose), information)
+
+    def _close(self, loop: _Alike) -> None:
+        self._keys.graph.add_edge(loop.old, loop.new, loop.offset, loop.information, closes_loop=True)
+        self._closed_at_m = float(self._keys.travelled_m[-1])
+        self.closed += 1
+        self._waiting += 1
+
+    def _far(self, place: int) -> list[_Alike]:
+        """Look for a place anywhere on the map. Return the loops to close, if enough places agree on it."""
+        poses, travelled = self._keys.poses, self._keys.travelled_m
+        since = travelled[place] - travelled
+        apart = np.hypot(*(poses - poses[place])[:, :2].T)
+        possible = (since > LONG_M) & (apart < NEAR_M + FAR_DRIFT * since)
+        for old, turn in self._places.alike(possible, MOST_CANDIDATES):
+            window = SearchWindow(FAR_REACH_M, FAR_REACH_RAD)
+            match = self._recognised(place, old, compose(poses[old], [0.0, 0.0, turn]), window)
+            if match is None or match.on_surface.mean() < FAR_OVERLAP:
+                continue
+            one = self._seen(old, place, match)
+            if (np.sqrt(np.diag(np.linalg.pinv(one.information))) > FAR_DEVIATION).any():
+                continue
+            agreeing = [other for other in self._alike if self._agree(other, one)]
+            self._alike.append(one)
+            if len({other.new for other in agreeing}) >= AGREEING - 1:
+                self._alike.clear()
+                return [*agreeing, one]
+        return []
+
+    def _agree(self, one: _Alike, other: _Alike) -> bool:
+        """Return whether two places, one after the other, say the same of where the robot is."""
+        poses, travelled = self._keys.poses, self._keys.travelled_m
+        way_m = float(travelled[other.new] - travelled[one.new])
+        if not 0 < way_m < AGREEING_WITHIN_M:
+            return False
+        here = compose(poses[other.old], other.offset)
+        there = compose(compose(poses[one.old], one.offset), relative(poses[one.new], poses[other.new]))
+        off = np.abs(relative(here, there))
+        return bool((off < SAME_PLACE + np.array([1, 1, 0]) * SAME_PER_M * way_m).all())
 
     def _candidates(self, newest: int) -> list[tuple[int, float]]:
         """Return old sweeps that may be near the robot, best first, and the possible drift (m) of each."""
@@ -113,8 +216,14 @@ class LoopCloser:
             cost[np.abs(travelled - travelled[best]) < 2 * AROUND_M] = np.inf
         return found
 
-    def _recognised(self, newest: int, old: int, reach_m: float) -> Match | None:
-        """Match the newest sweeps with those around an old one. Return None if the places differ."""
+    def _recognised(
+        self, newest: int, old: int, guess: NDArray[np.float64], window: SearchWindow
+    ) -> Match | None:
+        """Match the newest sweeps, around a guess, with those around an old one.
+
+        Returns:
+            The pose of the newest sweep, or None if the places differ.
+        """
         keys, travelled = self._keys, self._keys.travelled_m
         since = travelled[newest] - travelled
         there = (np.abs(travelled - travelled[old]) < AROUND_M) & (since > LEAST_LOOP_M)
@@ -122,9 +231,8 @@ class LoopCloser:
         recent = keys.spaced(np.flatnonzero(since < BACK_M)[::-1], MOST_SWEEPS)
         surfaces = keys.surfaces(reference)
         here = keys.surfaces(recent).seen_from(keys.poses[newest]).thinned(QUERY_POINTS)
-        window = SearchWindow(reach_m, float(np.clip(0.1 * (1 + reach_m), 0.0, 0.5)), 0.02 / reach_m**2)
-        field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, reach_m)
-        found = search(field, here.points, keys.poses[newest], window, LEAST_SCORE)
+        field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, window.distance_m)
+        found = search(field, here.points, guess, window, LEAST_SCORE)
         if found is None:
             return None
         matcher = ScanMatcher(surfaces)

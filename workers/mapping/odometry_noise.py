@@ -19,6 +19,7 @@ STRETCH_M, STRETCH_RAD = 1.5, 1.0  # errors of shorter ways say little of longer
 PRIOR, MOST = 6.0, 60.0  # stretches that the first guess counts as; those that count in the end
 LEAST_KNOWN = 0.5  # share of what is known of an axis that must come from the match
 CUT = 9.0  # squared error, in variances, beyond which it counts no more
+WHOLE_SLIP, LEAST_SLIP = 0.25, 0.2  # m or rad of a step with all of its slip; a shorter one's least share
 LEAST, GREATEST = 0.05**2, 1.5**2  # of the variance, as a share of the first guess
 
 
@@ -95,5 +96,6 @@ def first_guess(step: ArrayLike) -> NDArray[np.float64]:
     """
     dx, dy, turn = np.abs(np.asarray(step, float))
     distance = float(np.hypot(dx, dy))
-    across = 0.03 + 0.1 * distance + 0.05 * turn
-    return np.array([across, across, 0.02 + 0.05 * distance + 0.1 * turn])
+    slip = np.clip((distance + turn) / WHOLE_SLIP, LEAST_SLIP, 1.0)
+    across = 0.03 * slip + 0.1 * distance + 0.05 * turn
+    return np.array([across, across, 0.02 * slip + 0.05 * distance + 0.1 * turn])

@@ -103,3 +103,19 @@ def test_places_that_a_sweep_looked_through_are_free_and_hits_are_not() -> None:
     sweep = sweep_at((2.0, 1.0, 0.0), noise_m=0.0)
     in_front, behind_the_wall, out_of_view = [1.0, 0.0], [3.0, -1.5], [-1.0, 0.0]
     assert sweep.looked_through([in_front, behind_the_wall, out_of_view]).tolist() == [True, False, False]
+
+
+def test_noise_of_the_normals_is_no_knowledge_along_a_bare_corridor() -> None:
+    random, along = np.random.default_rng(0), np.linspace(-10, 10, 400)
+    points = np.concatenate([np.column_stack([along, np.full(400, side)]) for side in (-1.0, 1.0)])
+    tilt = 0.05 * random.standard_normal(800)
+    facing = np.column_stack([np.sin(tilt), -np.sign(points[:, 1]) * np.cos(tilt)])
+    corridor = SurfacePoints(points + 0.01 * random.standard_normal((800, 2)), facing)
+    hits = SurfacePoints(corridor.points[100:700:3], corridor.normals[100:700:3])
+    match = ScanMatcher(corridor).refine(hits, [0.0, 0.05, 0.02])
+    along_m, across_m, _ = np.sqrt(np.diag(np.linalg.inv(match.information + 1e-3 * np.eye(3))))
+    assert along_m > 0.2
+    assert across_m < 0.02
+    fused = match.fused(np.array([0.4, 0.3, 0.0]), np.array([0.1, 0.1, 0.1]))
+    assert fused.pose[:2] == pytest.approx([0.4, 0.0], abs=0.1)
+    assert fused.known[0] < 0.5 < fused.known[1]

@@ -1,0 +1,36 @@
+"""Beams that graze a wall show the wall, and not things that stand on it."""
+
+import numpy as np
+import pytest
+
+from robbie_robots.workers.laser.surface_points import FILLED_M, FILLING_M, SurfacePoints
+
+BEARINGS = np.radians(np.arange(4.0, 91.0))
+
+
+def wall(side_m: float = 1.5, noise_m: float = 0.0) -> SurfacePoints:
+    """A wall to the left, up to 21 m ahead, as a laser of 1 degree sees it."""
+    ranges = side_m / np.sin(BEARINGS) + noise_m * np.random.default_rng(0).standard_normal(len(BEARINGS))
+    return SurfacePoints.from_bearings(BEARINGS, ranges)
+
+
+def test_far_end_of_a_wall_has_its_normal() -> None:
+    seen = wall(noise_m=0.01)
+    assert np.hypot(*np.diff(seen.points[:2], axis=0)[0]) > 2
+    assert seen.normals[:, 1] == pytest.approx(-1, abs=0.05)
+
+
+def test_gaps_of_a_wall_are_filled_up_to_a_width() -> None:
+    seen = wall()
+    filled = seen.filled()
+    assert filled.points[:, 1] == pytest.approx(1.5, abs=0.02)
+    gaps = np.diff(np.sort(filled.points[:, 0]))
+    widest = np.hypot(*np.diff(seen.points, axis=0).T)
+    assert (gaps > 2 * FILLING_M).sum() == (widest >= FILLED_M).sum()
+
+
+def test_points_that_stand_alone_get_no_normal_and_are_not_joined() -> None:
+    ranges = np.where(np.arange(40) % 2 == 0, 3.0, 9.0)
+    seen = SurfacePoints.from_bearings(np.radians(np.arange(40.0) * 3), ranges)
+    assert not seen.normals.any()
+    assert len(seen.filled()) == len(seen)

@@ -1,0 +1,54 @@
+"""How far odometry may be off is learnt from matches, as far as these know it."""
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from robbie_robots.workers.mapping.odometry_noise import OdometryNoise, first_guess
+
+KNOWN = np.ones(3)
+STEP = np.array([0.5, 0.0, 0.0])
+
+
+def driven(error: float, known: NDArray[np.float64], steps: int = 600) -> OdometryNoise:
+    """Matches that find odometry off by a share of each step, along and in heading."""
+    noise, random = OdometryNoise(), np.random.default_rng(0)
+    for _ in range(steps):
+        off = error * random.standard_normal(2)
+        noise.learn(STEP, STEP + np.array([off[0], 0.0, off[1]]), known)
+    return noise
+
+
+def test_unknown_odometry_counts_as_uncalibrated() -> None:
+    assert OdometryNoise().deviation(STEP) == pytest.approx(first_guess(STEP))
+
+
+def test_good_odometry_is_trusted_more_in_the_end_and_bad_odometry_less() -> None:
+    assert driven(0.005, KNOWN).deviation(STEP)[0] < 0.2 * first_guess(STEP)[0]
+    assert driven(0.2, KNOWN).deviation(STEP)[0] > 1.2 * first_guess(STEP)[0]
+
+
+def test_what_a_match_does_not_know_teaches_nothing() -> None:
+    noise = driven(0.0, np.array([0.1, 1.0, 1.0]))
+    assert noise.share[0] == 1.0
+    assert noise.share[2] < 0.3
+
+
+def test_noise_is_bounded_and_one_wrong_match_changes_little() -> None:
+    assert driven(50.0, KNOWN).share.max() <= 1.5
+    noise = driven(0.005, KNOWN)
+    before = noise.share
+    for _ in range(3):
+        noise.learn(STEP, STEP + np.array([1.0, 0.0, 0.5]), KNOWN)
+    assert (noise.share < 1.2 * before).all()
+
+
+def test_restored_noise_goes_on_alike() -> None:
+    noise, restored = driven(0.01, KNOWN, steps=31), OdometryNoise()
+    restored.restore(deepcopy(noise.state()))
+    for one in (noise, restored):
+        one.learn(STEP, STEP, KNOWN)
+        one.learn(STEP, STEP, KNOWN)
+    assert np.array_equal(noise.share, restored.share)
