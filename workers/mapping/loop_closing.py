@@ -52,8 +52,9 @@ MOST_ALIKE = 50  # places that wait for others that agree with them
 LONG_M = 25.0  # travel without a closed loop, after which places far away on the map are candidates
 FAR_REACH_M, FAR_REACH_RAD = 2.0, 0.3
 FAR_DRIFT = 0.3  # greatest drift, as a share of the travel
-FAR_OVERLAP, FAR_DEVIATION = 0.6, np.array([0.15, 0.15, 0.05])  # m, m, rad
-AGREEING, AGREEING_WITHIN_M = 3, 20.0  # places that must agree, and the travel on which they lie
+FAR_OVERLAP, FAR_DEVIATION = 0.6, np.array([0.1, 0.1, 0.05])  # m, m, rad
+UNKNOWN = 1e-3  # information of a direction of which nothing is known
+AGREEING, AGREEING_WITHIN_M = 4, 25.0  # places that must agree, and the travel on which they lie
 SAME_PLACE = np.array([0.5, 0.5, 0.1])  # m, m, rad: what places that agree may differ by, and
 SAME_PER_M = 0.02  # m for each m of travel between them
 
@@ -110,8 +111,9 @@ class LoopCloser:
             self._closed_at_m, self.taken_back = float(state["closed_at_m"]), int(state["taken_back"])
             self._places.restore(state["places"])
             self._alike.extend(
-                _Alike(*one["ends"], np.array(one["offset"]), np.array(one["information"]))
+                _Alike(int(old), int(new), np.array(one["offset"]), np.array(one["information"]))
                 for one in state["alike"]
+                for old, new in [one["ends"]]
             )
 
     def renumber(self, new_numbers: NDArray[np.int64]) -> None:
@@ -175,7 +177,8 @@ class LoopCloser:
             if match is None or match.on_surface.mean() < FAR_OVERLAP:
                 continue
             one = self._seen(old, place, match)
-            if (np.sqrt(np.diag(np.linalg.pinv(one.information))) > FAR_DEVIATION).any():
+            covariance = np.linalg.inv(one.information + UNKNOWN * np.eye(3))
+            if (np.sqrt(np.diag(covariance)) > FAR_DEVIATION).any():
                 continue
             agreeing = [other for other in self._alike if self._agree(other, one)]
             self._alike.append(one)
