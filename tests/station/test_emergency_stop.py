@@ -50,6 +50,7 @@ def test_emergency_stop_is_always_reachable_and_no_press_is_lost(robot: Robot) -
         request_that_the_base_misses_is_repeated_until_it_is_confirmed(page, robot)
         button_is_in_one_place_whatever_the_state(page)
         button_is_there_on_a_tablet(page)
+        escape_closes_an_open_menu_and_then_stops_the_robot(page, robot)
         first_press_stops_the_robot_while_a_dialog_is_open(page, robot)
         silent_base_is_grey_with_its_age_and_gets_the_stop_when_it_is_back(page, robot)
         press_while_the_server_stands_still_is_kept_and_delivered(page, robot)
@@ -113,6 +114,28 @@ def button_is_there_on_a_tablet(page: Page) -> None:
     page.set_viewport_size(TABLET["viewport"])
     button_is_in_one_place_whatever_the_state(page)
     page.set_viewport_size(LAPTOP["viewport"])
+
+
+def escape_closes_an_open_menu_and_then_stops_the_robot(page: Page, robot: Robot) -> None:
+    press_until(page, "#layouts", "#layouts-menu")
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#layouts-menu", state="detached")
+    assert page.inner_text(STATE) == "ready"
+    page.keyboard.press("Escape")
+    is_stopped(page, robot)
+    release(page)
+    press_until(page, "#layouts", "#layouts-menu")
+    # The whole menu is kept from the key, as if it hung.
+    page.evaluate(
+        "addEventListener('keydown', (event) => event.stopImmediatePropagation(), { capture: true })"
+    )
+    page.keyboard.press("Escape")
+    page.keyboard.press("Escape")
+    is_stopped(page, robot)
+    page.reload()
+    page.wait_for_selector(f"{STATE}:text-is('STOPPED')")
+    page.wait_for_function(IS_CONNECTED)
+    release(page)
 
 
 def first_press_stops_the_robot_while_a_dialog_is_open(page: Page, robot: Robot) -> None:

@@ -31,7 +31,7 @@ export default {
     this.unanswered = []; // times of the questions without an answer
     this.trip_ms = 0;
     this.on_key = (event) => {
-      if (event.key === "Escape" && !event.repeat) this.press();
+      if (event.key === "Escape" && !event.repeat && !this.only_closes_a_menu()) this.press();
     };
     // Handle the key before any dialog or menu does.
     addEventListener("keydown", this.on_key, { capture: true });
@@ -95,6 +95,13 @@ export default {
         return { state: "stopping …", look, detail: "" };
       const detail = `the base does not answer; repeated for ${Math.floor(answer.waits_s ?? 0)} s`;
       return { state: "NOT CONFIRMED", look, detail };
+    },
+    // Whether the key closes an open menu, as in any program. If that menu is still there next time, the key stops.
+    only_closes_a_menu() {
+      const menu = document.querySelector(".q-menu");
+      const is_new = menu !== null && menu !== this.spared;
+      this.spared = menu;
+      return is_new;
     },
     click(event) {
       if (event.detail === 0) this.press(); // by the keyboard; a pointer has pressed already when it went down
