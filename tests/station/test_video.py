@@ -135,6 +135,8 @@ def test_camera_without_a_picture_says_why() -> None:
         '{"want": 3}',
         '{"want": {"eye": "x", "no": -1}}',
         '{"way_s": "NaN"}',
+        '{"way_s": NaN}',
+        '{"way_s": ' + 400 * "9" + "}",
         "[" * 5000,
     ],
 )

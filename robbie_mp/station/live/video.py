@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 
 from robbie_mp.station.live.parts import DRAWING_LIMIT_S, packed
 from robbie_mp.station.watch.pictures import Grade, NewestPicture
+from robbie_mp.station.web.page_json import from_page
 
 VIDEO = "video"
 """The group of live parts that is the video."""
@@ -141,14 +142,14 @@ class VideoFollower:
     def hear(self, text: str) -> None:
         """Take what the page says: which cameras it shows, or that it has drawn a picture."""
         try:
-            said = json.loads(text) if len(text) <= MAX_TEXT else None
-        except (ValueError, RecursionError):
+            said = from_page(text) if len(text) <= MAX_TEXT else None
+        except ValueError:
             return
         if isinstance(said, dict) and isinstance(said.get("want"), dict):
             self._want(said["want"])
         elif isinstance(said, dict) and self._flying:
             size, way_s = self._flying.popleft(), said.get("way_s")
-            if isinstance(way_s, (int, float)) and math.isfinite(way_s):
+            if isinstance(way_s, (int, float)):
                 self._cost.add(size, way_s)
             self._drawn_s = time.monotonic()
         self._changed.set()

@@ -14,12 +14,13 @@ import json
 import math
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from starlette.types import Receive, Scope, Send
 
 from robbie_mp.station.stop.requests import MAX_NAME_LENGTH
 from robbie_mp.station.web.gate import STOP_PATH
+from robbie_mp.station.web.page_json import from_page
 
 if TYPE_CHECKING:
     from robbie_mp.messages import EmergencyStop
@@ -41,9 +42,9 @@ class Question:
 def question_of(text: object) -> Question | None:
     """Return a page's question, or None if it is malformed."""
     try:
-        sent = json.loads(text) if isinstance(text, str) else None
-        asked_ms, press = float(sent["asked_ms"]), sent["press"]  # type: ignore[index]
-    except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
+        sent: Any = from_page(text) if isinstance(text, str) else None
+        asked_ms, press = float(sent["asked_ms"]), sent["press"]
+    except (KeyError, TypeError, ValueError):
         return None
     if not math.isfinite(asked_ms) or not isinstance(press, str) or len(press) > MAX_NAME_LENGTH:
         return None

@@ -19,6 +19,7 @@ from socketio.exceptions import ConnectionRefusedError
 from starlette.types import Message, Receive, Scope, Send
 
 from robbie_mp.station.web.gate import SESSION, App
+from robbie_mp.station.web.page_json import from_page
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -157,8 +158,8 @@ def is_known(packet: str | None) -> bool:
     if event is None:
         return False
     try:
-        content = json.loads(packet[event.end() :])
-    except (ValueError, RecursionError):
+        content = from_page(packet[event.end() :])
+    except ValueError:
         return False
     return isinstance(content, list) and len(content) == 2 and content[0] in FORMS
 
