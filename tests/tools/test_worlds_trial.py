@@ -31,3 +31,10 @@ def test_map_of_a_world_is_much_better_than_its_odometry(kind: str) -> None:
     result = trial(kind, 1 if kind == "rare sweeps" else 0, {"way_m": 150.0})
     assert result.ratio < 0.5
     assert (result.untold, result.false_loops) == (0, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_crowd_is_not_taken_for_a_slip() -> None:
+    """Where people stood before walls, a pose 0.7 m off agreed better with the map than the right one."""
+    assert trial("crowd", 1).slips == 0

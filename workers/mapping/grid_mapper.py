@@ -390,7 +390,7 @@ class GridMapper:
         if match is None or not self.is_certain:
             return match
         overlaps = match.on_surface.mean() >= GAP_OVERLAP
-        self.gaps_open += not overlaps or match.known.min() < GAP_KNOWN
+        self.gaps_open += not overlaps or bool(match.known.min() < GAP_KNOWN)
         if overlaps:
             return match
         self._begin_at(guess)

@@ -207,7 +207,11 @@ class SlipWatch:
             is_same = bool(around.holds(refined.pose[None])[0])
             if not is_same:  # otherwise it converges to the place found, so its own figures count
                 other, agreement = refined, self._agreement(refined, hits, reference)
-            better = max(agrees - agreement, overlap - other.on_surface.mean())
+            better = overlap - other.on_surface.mean()
+            if (
+                other.on_surface.mean() < DOUBTFUL
+            ):  # otherwise the rest may be people, who stood where the map is free
+                better = max(better, agrees - agreement)
             if agrees < agreement or better < CLEARLY_BETTER:
                 return (match, False) if is_strained and not is_same else (None, False)
         best = Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD)
