@@ -1,5 +1,6 @@
 """In a real browser, each panel shows the robot's data, and its messages reach the robot."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,13 @@ from robbie_mp.cli.runs import live_runs
 from robbie_mp.messages import Mark
 from robbie_mp.run.trace.kinds import Kind, read_recorded
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
-from tests._support.robot import Robot, wait_until
+from tests._support.robot import LIMIT_S, Robot, wait_until
 from tests.logs.recording._support.logs import LogFile
 from tests.station._support.browser import (
+    ATTEMPT_MS,
+    ATTEMPTS,
     HELD_MS,
+    IS_CONNECTED,
     LAPTOP,
     TABLET,
     browser,
@@ -79,7 +83,7 @@ class Told:
     def __init__(self, robot: Robot):
         self._file = robot.output / "told.txt"
 
-    def waits_for(self, *words: str) -> list[str]:
+    def waits_for(self, *words: str, limit_s: float = LIMIT_S) -> list[str]:
         """Wait until the last thing told begins with these words; return the others."""
         found: list[str] = []
 
@@ -88,8 +92,18 @@ class Told:
             found[:] = lines[-1].split() if lines else []
             return found[: len(words)] == list(words)
 
-        wait_until(is_there)
+        wait_until(is_there, limit_s)
         return found[len(words) :]
+
+    def hears(self, page: Page, button: str, *words: str) -> None:
+        """Press a button until the robot was told: a page that is connecting again tells nothing."""
+        for _ in range(ATTEMPTS):
+            page.wait_for_function(IS_CONNECTED)
+            page.click(button)
+            with suppress(TimeoutError):
+                self.waits_for(*words, limit_s=ATTEMPT_MS / 1000)
+                return
+        raise AssertionError(f"{button} has no effect")
 
     def count(self, begin: str) -> int:
         """Count the notes that begin with this text."""
@@ -278,13 +292,10 @@ def observer_sees_and_does_not_steer(page: Page) -> None:
 
 def playback_is_steered(page: Page, told: Told) -> None:
     page.wait_for_selector("#playback-text:has-text('PLAYBACK of old.mcap: plays at 3.000 of 10.000 s')")
-    page.click("#playback-pause")
-    told.waits_for("control", "pause")
+    told.hears(page, "#playback-pause", "control", "pause")
     page.wait_for_selector("#playback-text:has-text('paused at 3.000')")
-    page.click("#playback-step")
-    told.waits_for("control", "step")
-    page.click("#playback-resume")
-    told.waits_for("control", "resume")
+    told.hears(page, "#playback-step", "control", "step")
+    told.hears(page, "#playback-resume", "control", "resume")
     slider = page.locator("#playback .q-slider")
     box = slider.bounding_box()
     assert box

@@ -13,6 +13,8 @@ from tests._support.robot import LIMIT_S
 from tools.operator.chromium import CHROMIUM, chromium
 
 __all__ = [
+    "ATTEMPTS",
+    "ATTEMPT_MS",
     "CHROMIUM",
     "HELD_MS",
     "IS_CONNECTED",
