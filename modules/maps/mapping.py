@@ -237,7 +237,7 @@ class Mapping(Module):
             "gaps_noticed": self.mapper.gaps_noticed,
             "gaps_open": self.mapper.gaps_open,
             "loops_taken_back": self.mapper.loops_taken_back,
-            "odometry_noise": self.mapper.odometry_noise.round(3).tolist(),
+            "odometry_deviation": self.mapper.odometry_deviation.round(3).tolist(),
             "map": {
                 "width_cells": known.shape[1],
                 "height_cells": known.shape[0],

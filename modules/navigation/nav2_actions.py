@@ -77,7 +77,7 @@ class _Drive:
     recoveries: int = 0
     first_left_m: float | None = None
     index: int = 0
-    """Of the pose among several; `loops_left` and `missed` are of waypoints."""
+    """Index of the pose among several; `loops_left` and `missed` are of waypoints."""
     loops_left: int = 0
     missed: list[MissedWaypoint] = field(default_factory=list)
 
@@ -86,8 +86,9 @@ class Nav2Actions(Module):
     """Serves Nav2's actions by goals for the module that serves `NavigateTo`.
 
     So they obey who controls the robot, as every goal does, and the newest goal takes the place of the older
-    one. A goal is refused while modules may not drive the robot: it would move once somebody orders the robot
-    to go on, who need not know of it. If this module dies, its goals end, and the robot stops.
+    one. A goal is refused while modules may not drive the robot. Otherwise it would move the robot as soon as
+    an operator orders the robot to go on, who may not know of it. If this module dies, its goals end, and the
+    robot stops.
     """
 
     stops_on_missed: bool = setting(
@@ -235,16 +236,12 @@ class Nav2Actions(Module):
     def _drive_to_next(self, drive: _Drive) -> None:
         """Drive to the next waypoint, or the next pose of several."""
         pose = drive.active.goal.poses[drive.index]
-        if isinstance(drive.active.goal, NavigateThroughPoses):
-            on_feedback = partial(self._tell_through, drive)
-            self._drive_to(
-                drive, pose, lambda _: self._go_on(drive), lambda error: self._end(drive, error), on_feedback
-            )
-            return
-        drive.active.feedback(FollowingWaypoints(current_waypoint=drive.index))
+        is_through = isinstance(drive.active.goal, NavigateThroughPoses)
+        if not is_through:
+            drive.active.feedback(FollowingWaypoints(current_waypoint=drive.index))
 
         def on_error(error: CallError) -> None:
-            is_missed = isinstance(error, GoalAborted | CallRefused)
+            is_missed = not is_through and isinstance(error, GoalAborted | CallRefused)
             if self.stops_on_missed or not is_missed or not drive.active.is_active:
                 self._end(drive, error)
                 return
@@ -253,10 +250,11 @@ class Nav2Actions(Module):
             drive.missed = [*drive.missed, missed][:MAX_MISSED]
             self._go_on(drive)
 
-        self._drive_to(drive, pose, lambda _: self._go_on(drive), on_error)
+        on_feedback = partial(self._tell_through, drive) if is_through else None
+        self._drive_to(drive, pose, lambda _: self._go_on(drive), on_error, on_feedback)
 
     def _tell_through(self, drive: _Drive, feedback: NavigationFeedback) -> None:
-        """Tell how far the robot is on its way through poses; beyond the next one, as the crow flies."""
+        """Report the distance left: along the path to the next pose, and in straight lines after it."""
         legs = drive.active.goal.poses[drive.index :]
         beyond_m = sum(distance_m(one, other) for one, other in pairwise(legs))
         progress = self._progress(drive, feedback, beyond_m)

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 
 CHUNK_BYTES, SLOW_CHUNK_BYTES = 1 << 16, 1 << 11
 QUEUE_S = 0.3
-"""What waits longer for the rate waits at the sender."""
+"""When more than this is queued, the proxy stops reading, so the rest waits at the sender."""
 
 
 class DelayingProxy:

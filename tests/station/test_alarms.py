@@ -3,7 +3,7 @@
 import pytest
 
 from robbie_mp.run.supervisor.states import STATES, ChildState
-from robbie_mp.station.page.alarms import MAX_ALARMS, AlarmLevel, Alarms, Trouble, troubles_of
+from robbie_mp.station.page.alarms import MAX_ALARMS, AlarmCause, AlarmLevel, Alarms, causes_of
 from robbie_mp.station.page.state_item import ALERT, GOOD, WARNING, StateItem
 from tests._support.robot import Robot
 from tests.cli._support.readings import laser, mapping
@@ -15,13 +15,13 @@ modules:
   operator: {class: "robbie_mp.station:OperatorStation", settings: {port: 0}}
   fragile: {class: "zoo.modules:CrashInSetup", optional: true, restart: {policy: never}}
 """
-LOW = Trouble("battery", AlarmLevel.CAUTION, "The battery is low.")
-EMPTY = Trouble("battery", AlarmLevel.DANGER, "The battery is empty.")
-LINK = Trouble("link", AlarmLevel.NOTE, "The link is slow.")
+LOW = AlarmCause("battery", AlarmLevel.CAUTION, "The battery is low.")
+EMPTY = AlarmCause("battery", AlarmLevel.DANGER, "The battery is empty.")
+LINK = AlarmCause("link", AlarmLevel.NOTE, "The link is slow.")
 
 
 def texts(alarms: Alarms) -> list[str]:
-    return [one.trouble.sentence for one in alarms.all]
+    return [one.cause.sentence for one in alarms.all]
 
 
 def test_modules_and_items_of_the_strip_are_alarms_of_three_levels_with_their_names() -> None:
@@ -32,7 +32,7 @@ def test_modules_and_items_of_the_strip_are_alarms_of_three_levels_with_their_na
         StateItem("disk", "save", "9 GB", GOOD, alarm="The disk is full."),
         StateItem("machine", "memory", "cpu 99%", WARNING),
     ]
-    found = [*troubles_of([laser(0.0, health="it is unplugged"), failed], items), *troubles_of([crashed], [])]
+    found = [*causes_of([laser(0.0, health="it is unplugged"), failed], items), *causes_of([crashed], [])]
     assert [(one.level, one.sentence) for one in found] == [
         (AlarmLevel.CAUTION, "Module laser is DEGRADED: it is unplugged."),
         (AlarmLevel.DANGER, "Module mapping has FAILED and stays ended."),
@@ -60,7 +60,7 @@ def test_alarm_that_becomes_worse_is_new_and_one_that_changes_its_figures_is_not
     alarms = Alarms()
     alarms.look([LOW])
     alarms.acknowledge(alarms.all[0].number)
-    alarms.look([Trouble("battery", AlarmLevel.CAUTION, "The battery is lower.")])
+    alarms.look([AlarmCause("battery", AlarmLevel.CAUTION, "The battery is lower.")])
     assert (alarms.all[0].is_acknowledged, texts(alarms)) == (True, ["The battery is lower."])
     alarms.look([EMPTY])
     assert (alarms.all[0].is_acknowledged, texts(alarms)) == (False, ["The battery is empty."])
@@ -70,9 +70,9 @@ def test_most_urgent_alarm_is_the_first_and_their_number_is_bounded() -> None:
     alarms = Alarms()
     alarms.look([LINK, EMPTY])
     assert texts(alarms) == ["The battery is empty.", "The link is slow."]
-    many = [Trouble(f"module {number}", AlarmLevel.NOTE, "It is ill.") for number in range(3 * MAX_ALARMS)]
+    many = [AlarmCause(f"module {number}", AlarmLevel.NOTE, "It is ill.") for number in range(3 * MAX_ALARMS)]
     alarms.look([*many, EMPTY])
-    assert (len(alarms.all), alarms.all[0].trouble) == (MAX_ALARMS, EMPTY)
+    assert (len(alarms.all), alarms.all[0].cause) == (MAX_ALARMS, EMPTY)
 
 
 @needs_chromium
@@ -86,7 +86,7 @@ def test_page_names_the_failed_module_in_line_tab_and_list_and_sounds_until_some
     with browser() as started, page_of(started, address_of(robot)) as page:
         page.wait_for_selector("#alarm-line.is-level-3 #alarm-text:has-text('Module fragile has FAILED')")
         page.wait_for_selector("#alarms[data-sounded='3']")
-        # On a busy machine other modules may be in trouble, too.
+        # On a busy machine other modules may be in cause, too.
         page.wait_for_function("/^[(][0-9][)] Module fragile has FAILED/.test(document.title)")
         before = page.locator("#alarm-line").bounding_box()
         page.click("#alarm-line")

@@ -86,6 +86,15 @@ def grey(value: int) -> Image:
     return Image(height=1, width=1, encoding="mono8", step=1, data=np.full(1, value, np.uint8))
 
 
+@pytest.mark.parametrize("side", [8000, 14_000])
+def test_small_file_of_a_huge_picture_is_not_decoded(side: int) -> None:
+    huge = io.BytesIO()
+    PillowImage.new("1", (side, side)).save(huge, "PNG")
+    image = CompressedImage(format="png", data=np.frombuffer(huge.getvalue(), np.uint8))
+    with pytest.raises(NoPicture, match="pixels"):
+        encode_image(image, 320, 45)
+
+
 def test_picture_is_encoded_once_for_all_pages_in_each_grade_and_again_for_a_newer_message() -> None:
     latest: Latest[Image | CompressedImage] = Latest()
     picture = NewestPicture(latest)

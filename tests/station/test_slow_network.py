@@ -38,7 +38,7 @@ FRESH_AND_SMOOTH = """([least, oldest_s]) => {
   const ages = last.map(([, age]) => age).sort();
   return last.length >= 2 * least && ages[Math.floor(ages.length / 2)] <= oldest_s;
 }"""
-"""Whether in the last 2 s there were at least so many pictures a second, half of them not older than that."""
+"""Whether the last 2 s had at least `least` pictures a second, half of them at most `oldest_s` old."""
 
 
 @pytest.fixture

@@ -54,7 +54,7 @@ class SurfacePoints:
     def filled(self) -> "SurfacePoints":
         """Add points in the gaps of walls on which successive beams are far apart.
 
-        Otherwise, the ends of beams that graze a wall look like things that go along with the robot.
+        Otherwise, the ends of beams that graze a wall look like things that move with the robot.
         """
         gap = np.diff(self.points, axis=0)
         gap_m = np.hypot(gap[:, 0], gap[:, 1])

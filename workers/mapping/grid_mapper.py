@@ -33,14 +33,11 @@ KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next
 FEWEST_HITS = 20
 THINNED = 0.1  # share of the key sweeps removed at a time
 GAP_S, GAP_M = 2.0, 2.0  # a pause between two sweeps in which the robot moved this far is a gap
-SILENCE_S = 2.0  # a pause of odometry, too, in which the robot may have been carried, is a gap as well
-PAUSES, FEWEST_PAUSES, GAP_PAUSES = (
-    15,
-    3,
-    3.0,
-)  # of the newest pauses, the median; a gap is this many times longer
+SILENCE_S = 2.0  # without odometry for this long, the robot may have been carried
+PAUSES, FEWEST_PAUSES = 15, 3  # newest pauses between sweeps, whose median is the usual one
+GAP_PAUSES = 3.0  # a gap is this many times longer
 GAP_KNOWN = 0.5  # share of what is known of each axis after it that must come from the sweep
-CARRIED = np.array([1.5, 1.5, 0.3])  # m, m, rad: of a robot that may have been carried while nothing was told
+CARRIED = np.array([1.5, 1.5, 0.3])  # m, m, rad: deviation of a robot that may have been carried
 GAP_OVERLAP = 0.4  # share of the returns after it that must lie on known surfaces
 MOST_WAITING = 10  # sweeps that wait for their odometry
 PATIENCE = 5  # odometry messages a sweep waits for one at its own stamp
@@ -209,9 +206,9 @@ class GridMapper:
         return self._closer.taken_back
 
     @property
-    def odometry_noise(self) -> NDArray[np.float64]:
+    def odometry_deviation(self) -> NDArray[np.float64]:
         """Odometry's standard deviation along, across, in heading; 1 for that of an uncalibrated robot."""
-        return self._tracker.noise.share
+        return self._tracker.odometry_deviation.share
 
     @property
     def slips_noticed(self) -> int:
@@ -252,7 +249,7 @@ class GridMapper:
             "loops": self._closer.state(),
             "slips": self._slips.state(),
             "tracked_from_m": self._tracker.begin_m,
-            "odometry_noise": self._tracker.noise.state(),
+            "odometry_deviation": self._tracker.odometry_deviation.state(),
             "pauses_s": np.array(self._pauses_s),
             "map": self._renderer.state(),
             "waiting": [
@@ -278,8 +275,8 @@ class GridMapper:
         mapper._closer.restore(state["loops"])
         mapper._slips.restore(state["slips"])
         mapper._tracker.begin(float(state["tracked_from_m"]))
-        if "odometry_noise" in state:
-            mapper._tracker.noise.restore(state["odometry_noise"])
+        if "odometry_deviation" in state:
+            mapper._tracker.odometry_deviation.restore(state["odometry_deviation"])
             mapper._pauses_s.extend(state["pauses_s"].tolist())
         mapper._renderer.restore(state["map"])
         for one in state["waiting"]:
@@ -326,12 +323,14 @@ class GridMapper:
         if is_gap:
             match = self._match_after_gap(sweep, self._corrected(last), step, (last[0], place.position))
         else:
-            deviation = self._tracker.noise.deviation(step)
+            deviation = self._tracker.odometry_deviation.over(step)
             match = self._checked_match(sweep, self._corrected(last), step, deviation)
             if match is not None and self._slips.noticed == noticed:
-                self._tracker.noise.learn(step, relative(self._corrected(last), match.pose), match.known)
+                self._tracker.odometry_deviation.learn(
+                    step, relative(self._corrected(last), match.pose), match.known
+                )
             else:
-                self._tracker.noise.interrupt()
+                self._tracker.odometry_deviation.interrupt()
         if match is None:
             return
         base = len(self._keys) - 1
@@ -379,7 +378,7 @@ class GridMapper:
         Where the map knows nothing of what the sweep shows, take odometry's word for it.
         """
         guess, moved = compose(before, step), self._odometry.moved(*positions)
-        deviation = self._tracker.noise.deviation(moved)
+        deviation = self._tracker.odometry_deviation.over(moved)
         if self._odometry.longest_pause_s(*positions) >= SILENCE_S:
             deviation = np.maximum(deviation, CARRIED)
         self.gaps_noticed += 1
@@ -397,12 +396,12 @@ class GridMapper:
         return replace(match, pose=guess, information=np.diag(deviation**-2.0))
 
     def _is_gap(self, stamp_s: float, odometry: NDArray[np.float64], position: float) -> bool:
-        """Return whether a new sweep comes after an unusually long pause, and the robot may be elsewhere.
+        """Return whether a sweep follows an unusually long pause in which the robot may have moved far.
 
-        It moved far by odometry, or odometry told nothing of it, too.
+        Odometry says so, or was silent as well.
         """
         pause_s = stamp_s - self._newest[0]
-        if not np.isfinite(pause_s):
+        if not 0.0 < pause_s < np.inf:
             return False
         usual_s = float(np.median(self._pauses_s)) if len(self._pauses_s) >= FEWEST_PAUSES else 0.0
         self._pauses_s.append(pause_s)
@@ -414,7 +413,7 @@ class GridMapper:
 
     @property
     def _parts(self) -> int:
-        """Number of parts of the map that only odometry joined when they began."""
+        """Number of parts of the map that only odometry joined to the rest when they began."""
         return self.gaps_open + self._slips.not_undone
 
     def _begin_at(self, guess: NDArray[np.float64]) -> None:

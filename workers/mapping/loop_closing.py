@@ -188,7 +188,7 @@ class LoopCloser:
         return []
 
     def _agree(self, one: _Alike, other: _Alike) -> bool:
-        """Return whether two places, one after the other, say the same of where the robot is."""
+        """Return whether two places, one after the other, agree on where the robot is."""
         poses, travelled = self._keys.poses, self._keys.travelled_m
         way_m = float(travelled[other.new] - travelled[one.new])
         if not 0 < way_m < AGREEING_WITHIN_M:

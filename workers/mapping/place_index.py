@@ -52,8 +52,14 @@ class PlaceIndex:
         self._described_m = float(state["described_m"])
 
     def renumber(self, new_numbers: NDArray[np.int64]) -> None:
-        """Take the new number of each old key sweep `(N,)`: its own, or its heir's."""
-        self._numbers = new_numbers[self._numbers]
+        """Take the new number of each old key sweep `(N,)`: its own, or its heir's.
+
+        Of places with the same heir, the newest stays, so there are never more places than key sweeps.
+        """
+        numbers = new_numbers[self._numbers]
+        kept = len(numbers) - 1 - np.unique(numbers[::-1], return_index=True)[1]
+        kept.sort()
+        self._numbers, self._described = numbers[kept], self._described[kept]
 
     def look(self) -> int | None:
         """Describe the next place, once the robot has left it behind. Return its key sweep."""

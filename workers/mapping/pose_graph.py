@@ -23,7 +23,7 @@ from robbie_robots.workers.planar_pose import relative, wrap_angle
 from robbie_robots.workers.row_log import RowLog
 
 DOUBT = 10.0  # an edge's squared error (in its own standard deviations) beyond which it counts less
-CONTRADICTED = 400.0  # the same: an edge whose share of its weight is 1/400 of that of a right one
+CONTRADICTED = 400.0  # the same, beyond which a loop is removed
 DOUBT_GROWTH = 4.0  # from round to round, until DOUBT is reached
 MOST_ROUNDS = 20
 SETTLED_M = 1e-3
@@ -119,7 +119,7 @@ class PoseGraph:
         return float(np.hypot(*(self.poses - before)[:, :2].T).max())
 
     def drop_contradicted(self) -> int:
-        """Remove the loops that the others contradict so much that they count no more. Return how many."""
+        """Remove the loops that the other edges contradict. Return how many."""
         edges = self._edges()
         kept = ~(edges.doubtful & (edges.squared_errors(self.poses) > CONTRADICTED))
         if not kept.all():

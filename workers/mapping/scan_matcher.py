@@ -37,8 +37,8 @@ class Match:
         pose: x (m), y (m), heading (rad) in the reference's frame.
         information: `(3, 3)`, inverse covariance of the pose by the sweep alone, in the reference's frame.
         on_surface: `(N,) bool`, which of the sweep's points lie on a surface of the reference.
-        known: For each axis of the pose itself, the share of what is known of it that comes from the sweep;
-            the rest is odometry's.
+        known: `(3,)`, along, across, heading in the robot's frame: the share of what is known that comes from
+            the sweep; the rest comes from odometry.
     """
 
     pose: NDArray[np.float64]
@@ -143,7 +143,7 @@ class ScanMatcher:
 
 
 def _at_least_zero(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest information that no direction has less than none of."""
+    """Return the nearest positive semidefinite information `(3, 3)`."""
     # Metres and radians differ, so look at each axis in units of its own.
     unit = 1 / np.sqrt(np.maximum(np.diag(information), 1e-6))
     values, vectors = np.linalg.eigh(information * unit * unit[:, None])

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.mapping.correlative_search import ScoreField, SearchWindow, search
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
-from robbie_robots.workers.mapping.odometry_noise import OdometryNoise
+from robbie_robots.workers.mapping.odometry_deviation import OdometryDeviation
 from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
 from robbie_robots.workers.planar_pose import compose, rotated_information
 
@@ -28,12 +28,12 @@ class ScanTracker:
         keys: The map's sweeps; call `forget` when they change.
 
     Attributes:
-        noise: How far odometry may be off.
+        odometry_deviation: How far odometry may be off.
     """
 
     def __init__(self, keys: KeySweeps) -> None:
         self._keys = keys
-        self.noise = OdometryNoise()
+        self.odometry_deviation = OdometryDeviation()
         self._reference: tuple[ScoreField, ScanMatcher] | None = None
         self._begin_m = -np.inf
 

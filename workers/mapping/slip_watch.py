@@ -23,7 +23,7 @@ from robbie_robots.workers.planar_pose import relative, transform_points, wrap_a
 SUSPECT = 0.9  # share of the returns in known space that lie on surfaces, below which a better pose is sought
 DOUBTFUL = 0.7  # the same: a sweep below does not fit
 CLEARLY_BETTER = 0.15  # a pose found elsewhere must agree or overlap by this much more
-CONVINCING = 0.5  # share of the returns on surfaces, without which a match does not overrule odometry
+CONVINCING = 0.5  # least share of the returns on surfaces with which a match overrules odometry
 LEAST_AGREEMENT = 0.85
 MOST_MISSING = 0.1  # share of the map's surfaces around the robot that the sweep looked through
 WINDOWS = ((1.5, 0.4, 0.5), (3.0, np.pi, 0.8))  # searched in turn: m, rad, least share of returns on surfaces
@@ -208,9 +208,8 @@ class SlipWatch:
             if not is_same:  # otherwise it converges to the place found, so its own figures count
                 other, agreement = refined, self._agreement(refined, hits, reference)
             better = overlap - other.on_surface.mean()
-            if (
-                other.on_surface.mean() < DOUBTFUL
-            ):  # otherwise the rest may be people, who stood where the map is free
+            # Where most returns lie on surfaces, the others may be people where the map is free.
+            if other.on_surface.mean() < DOUBTFUL:
                 better = max(better, agrees - agreement)
             if agrees < agreement or better < CLEARLY_BETTER:
                 return (match, False) if is_strained and not is_same else (None, False)

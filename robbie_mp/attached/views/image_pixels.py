@@ -1,6 +1,7 @@
 """The pixels of camera images, and images as JPEG."""
 
 import io
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
 
 BYTES = {"mono8": 1, "8UC1": 1, "mono16": 2, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
 """Bytes per pixel of each supported encoding."""
+MAX_FILE_PIXELS = 50_000_000
+"""Of a file that is decoded: a small file may hold a huge picture."""
 JPEG_ENCODINGS = frozenset({"mono8", "rgb8", "bgr8", "rgba8", "bgra8"})
 """Encodings that JPEG keeps, but for its losses. Others may be depths or numbers of classes."""
 
@@ -47,16 +50,40 @@ def encoded_again(data: bytes, quality: int, max_pixels: int) -> bytes:
     """Return a JPEG or PNG file as a JPEG file of another size and quality. This needs Pillow.
 
     Raises:
-        NoPicture: the file is damaged.
+        NoPicture: the file is damaged, or its picture is too large.
+    """
+    try:
+        with opened(data, ("JPEG", "PNG")) as picture:
+            picture.draft("RGB", (max_pixels, max_pixels))  # decodes a JPEG in a smaller size
+            return _encoded(picture.convert("RGB"), quality, max_pixels)
+    except NoPicture:
+        raise
+    except (OSError, SyntaxError, ValueError) as error:
+        raise NoPicture(f"the picture is damaged: {error}") from None
+
+
+def opened(data: bytes, formats: tuple[str, ...]) -> "PillowImage.Image":
+    """Open a picture's file without reading its pixels yet. This needs Pillow.
+
+    Args:
+        data: the file.
+        formats: those that it may have, as Pillow names them.
+
+    Raises:
+        NoPicture: the picture has more than `MAX_FILE_PIXELS`.
+        OSError: it has another format.
     """
     from PIL import Image as PillowImage  # noqa: PLC0415 - an extra
 
     try:
-        with PillowImage.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
-            picture.draft("RGB", (max_pixels, max_pixels))  # a JPEG is decoded in a smaller size at once
-            return _encoded(picture.convert("RGB"), quality, max_pixels)
-    except (OSError, SyntaxError, ValueError, PillowImage.DecompressionBombError) as error:
-        raise NoPicture(f"the picture is damaged: {error}") from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PillowImage.DecompressionBombWarning)  # the limit here is lower
+            picture = PillowImage.open(io.BytesIO(data), formats=formats)
+    except PillowImage.DecompressionBombError as error:
+        raise NoPicture(str(error)) from None
+    if picture.width * picture.height > MAX_FILE_PIXELS:
+        raise NoPicture(f"{picture.width} x {picture.height} pixels are too many")
+    return picture
 
 
 def _encoded(picture: "PillowImage.Image", quality: int, max_pixels: int) -> bytes:

@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp.attached.views.image_pixels import NoPicture, jpeg
+from robbie_mp.attached.views.image_pixels import NoPicture, jpeg, opened
 from robbie_mp.base.linux.regular_file import open_regular
 from robbie_mp.messages import CompressedImage, Image, OccupancyGrid
 
 if TYPE_CHECKING:
-    from PIL.Image import Image as PillowImage
+    pass
 
-MAX_PIXELS = 50_000_000
-"""Of a picture that is read: a small file may hold a huge one."""
 MAX_FILE_BYTES = 64 << 20
 MAX_SIDE, MAX_MAP_SIDE = 560, 1400
 QUALITY = 80
@@ -69,7 +67,7 @@ class Pictures:
             if message.type_name == Image.type_name:
                 data = jpeg(message, QUALITY, MAX_SIDE)  # type: ignore[arg-type]
             else:
-                data = _scaled(_opened(np.asarray(message.data).tobytes()))
+                data = _scaled(opened(np.asarray(message.data).tobytes(), FORMATS))
         except DAMAGED as error:
             return self._without(_why(error))
         return self._address(data, "jpeg")
@@ -78,7 +76,7 @@ class Pictures:
         """Return the address of a picture in a file; '' if it is left out."""
         try:
             with open_regular(path) as file:
-                data = _scaled(_opened(file.read(MAX_FILE_BYTES)))
+                data = _scaled(opened(file.read(MAX_FILE_BYTES), FORMATS))
         except DAMAGED as error:
             return self._without(_why(error))
         return self._address(data, "jpeg")
@@ -130,20 +128,6 @@ def _shades() -> NDArray[np.uint8]:
     share = np.minimum(np.arange(128), 100)[:, None] / 100.0
     known = np.round((1 - share) * np.array(FREE) + share * np.array(OCCUPIED)).astype(np.uint8)
     return np.concatenate([known, np.tile(np.array(UNKNOWN, np.uint8), (128, 1))])
-
-
-def _opened(data: bytes) -> "PillowImage":
-    """Open a picture, without reading its pixels yet."""
-    from PIL import Image as PillowModule  # noqa: PLC0415 - an extra
-
-    limit, PillowModule.MAX_IMAGE_PIXELS = PillowModule.MAX_IMAGE_PIXELS, None  # which only warns
-    try:
-        picture = PillowModule.open(io.BytesIO(data), formats=FORMATS)
-    finally:
-        PillowModule.MAX_IMAGE_PIXELS = limit
-    if picture.width * picture.height > MAX_PIXELS:
-        raise NoPicture(f"{picture.width} x {picture.height} pixels are too many")
-    return picture
 
 
 def _scaled(picture: Any) -> bytes:

@@ -20,7 +20,7 @@ class Follows(Protocol):
     """Chooses what one page gets next."""
 
     def hear(self, said: str) -> None:
-        """Take what the page says."""
+        """Handle what the page says."""
 
     async def next(self) -> bytes | None:
         """Wait for the next packet; None if there will be none."""

@@ -1,8 +1,8 @@
-"""The pictures of cameras for one page, as large, as good and as often as its network lets them through.
+"""The pictures of cameras for one page, in the size, quality and rate that its network can carry.
 
-The page names the cameras that are in its sight. With each picture that it has drawn it says how long the
-picture was on its way beyond the shortest time that it knows (stop/emergency_stop.js). So the station knows
-how many seconds a byte costs, and sends the next picture, always the newest, in a grade that costs little.
+The page names its visible cameras. For each picture that it has drawn, it says how much longer the picture
+took to arrive than the fastest message so far (stop/emergency_stop.js). From this the station knows how many
+seconds a byte costs. It sends the newest picture next, in a grade that the network carries in time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from robbie_mp.station.web.page_json import from_page
 VIDEO = "video"
 """The group of live parts that is the video."""
 MIN_PERIOD_S = 0.08
-"""Between two pictures of one camera: enough for ten a second of a camera that is not quite regular."""
+"""Shortest time between two pictures of one camera: ten a second, even of an irregular camera."""
 SMALL_PERIOD_S = 0.3
 """The same for all cameras but the largest."""
 COST_LIMIT_S, SMALL_COST_S = 0.07, 0.03
@@ -32,17 +32,17 @@ RISE_SHARE = 0.7
 USED_SHARE = 0.75
 """Pictures use this share of the time at most, which leaves room for the rest of the page."""
 JAM_S = 0.4
-"""A picture that was so long on its way ends all estimates from before."""
+"""A picture that took this long discards all earlier estimates."""
 LEAST_BYTES = 1500
-"""What takes longer for less is not the network, but the browser."""
+"""A smaller picture counts as this many bytes: the browser delays it, not the network."""
 LONGEST_WAIT_S = 1.0
-"""Between two pictures, whatever they cost."""
+"""Longest time between two pictures, whatever they cost."""
 MAX_AHEAD = 3
 """Maximum number of pictures in flight to a page, so that it does not wait for round trips."""
 MAX_WANTED = 12
 MAX_TEXT = 4096
 ESTIMATES = 8
-"""Number of pictures whose cheapest tells the cost of a byte: the others waited for the browser."""
+"""Number of pictures of which the cheapest gives the cost of a byte: the others waited for the browser."""
 
 
 GRADES = (
@@ -55,7 +55,7 @@ GRADES = (
     Grade(320, 40, 6.3),
     Grade(240, 45, 4.5),
 )
-"""From the best to the one below which nobody could drive: then there are fewer pictures instead."""
+"""From the best to the coarsest that one can drive by; on a slower network, pictures come less often."""
 FIRST = 5
 """The grade until the network is known."""
 
@@ -140,7 +140,7 @@ class VideoFollower:
         self._changed = asyncio.Event()
 
     def hear(self, text: str) -> None:
-        """Take what the page says: which cameras it shows, or that it has drawn a picture."""
+        """Handle what the page says: which cameras it shows, or that it has drawn a picture."""
         try:
             said = from_page(text) if len(text) <= MAX_TEXT else None
         except ValueError:

@@ -1,4 +1,4 @@
-"""Alarms: what is wrong now or was until somebody has seen it, in one sentence each, for all pages."""
+"""Alarms of all pages: what is wrong, in one sentence each, until it is over and an operator has seen it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class AlarmLevel(IntEnum):
 
 
 @dataclass(frozen=True)
-class Trouble:
+class AlarmCause:
     """Something that is wrong now."""
 
     key: str
@@ -57,7 +57,7 @@ class Trouble:
 class Alarm:
     """An alarm."""
 
-    trouble: Trouble
+    cause: AlarmCause
     number: int
     """Increases with each alarm, and when it becomes more urgent."""
     time_s: float
@@ -75,11 +75,11 @@ class Alarms:
         self._number = 0
         self._lock = threading.Lock()
 
-    def look(self, troubles: Iterable[Trouble]) -> None:
-        """Take all that is wrong now."""
-        now = {one.key: one for one in troubles}
+    def look(self, causes: Iterable[AlarmCause]) -> None:
+        """Update the alarms with everything that is wrong now."""
+        now = {one.key: one for one in causes}
         with self._lock:
-            known = {alarm.trouble.key: alarm for alarm in self.all}
+            known = {alarm.cause.key: alarm for alarm in self.all}
             kept = [self._followed(alarm, now.get(key)) for key, alarm in known.items()]
             new = [self._new(one) for key, one in now.items() if key not in known]
             self._put([alarm for alarm in kept if alarm.is_active or not alarm.is_acknowledged] + new)
@@ -93,35 +93,35 @@ class Alarms:
             ]
             self._put([alarm for alarm in seen if alarm.is_active or not alarm.is_acknowledged])
 
-    def _followed(self, alarm: Alarm, now: Trouble | None) -> Alarm:
+    def _followed(self, alarm: Alarm, now: AlarmCause | None) -> Alarm:
         if now is None:
             return replace(alarm, is_active=False)
-        is_worse = now.level > alarm.trouble.level or (not alarm.is_active and alarm.is_acknowledged)
-        return self._new(now) if is_worse else replace(alarm, trouble=now, is_active=True)
+        is_worse = now.level > alarm.cause.level or (not alarm.is_active and alarm.is_acknowledged)
+        return self._new(now) if is_worse else replace(alarm, cause=now, is_active=True)
 
-    def _new(self, trouble: Trouble) -> Alarm:
+    def _new(self, cause: AlarmCause) -> Alarm:
         self._number += 1
-        return Alarm(trouble, self._number, time.time())
+        return Alarm(cause, self._number, time.time())
 
     def _put(self, alarms: list[Alarm]) -> None:
-        alarms.sort(key=lambda one: (one.is_acknowledged, not one.is_active, -one.trouble.level, -one.number))
+        alarms.sort(key=lambda one: (one.is_acknowledged, not one.is_active, -one.cause.level, -one.number))
         self.all = tuple(alarms[:MAX_ALARMS])
 
 
-def troubles_of(modules: Iterable[ModuleFigures], items: Iterable[StateItem]) -> Iterator[Trouble]:
+def causes_of(modules: Iterable[ModuleFigures], items: Iterable[StateItem]) -> Iterator[AlarmCause]:
     """Return what is wrong with modules, and what the items of the strip say."""
     for one in modules:
         key = f"module {one.name}"
         if state_name(one) == "FAILED":
-            yield Trouble(key, AlarmLevel.DANGER, f"Module {one.name} has FAILED and stays ended.")
+            yield AlarmCause(key, AlarmLevel.DANGER, f"Module {one.name} has FAILED and stays ended.")
         elif one.health:
-            yield Trouble(key, AlarmLevel.CAUTION, f"Module {one.name} is DEGRADED: {one.health}.")
+            yield AlarmCause(key, AlarmLevel.CAUTION, f"Module {one.name} is DEGRADED: {one.health}.")
         elif state_name(one) == "BACKOFF":
-            yield Trouble(key, AlarmLevel.NOTE, f"Module {one.name} has crashed and is being restarted.")
+            yield AlarmCause(key, AlarmLevel.NOTE, f"Module {one.name} has crashed and is being restarted.")
     for item in items:
         if item.alarm and item.look in (WARNING, ALERT):
             level = AlarmLevel.DANGER if item.look == ALERT else AlarmLevel.CAUTION
-            yield Trouble(item.name, level, item.alarm)
+            yield AlarmCause(item.name, level, item.alarm)
 
 
 class AlarmLine(Element, component="alarms.js"):
@@ -161,8 +161,8 @@ class AlarmBar:
         return [
             {
                 "number": one.number,
-                "level": int(one.trouble.level),
-                "text": one.trouble.sentence,
+                "level": int(one.cause.level),
+                "text": one.cause.sentence,
                 "time": time_of_day(one.time_s)[:8],
                 "active": one.is_active,
                 "acknowledged": one.is_acknowledged,

@@ -13,7 +13,7 @@ from nicegui import ui
 
 from robbie_mp.attached.views.run_figures import state_name
 from robbie_mp.messages import BatteryState, LinkState
-from robbie_mp.station.page.alarms import Alarms, troubles_of
+from robbie_mp.station.page.alarms import Alarms, causes_of
 from robbie_mp.station.page.state_item import ALERT, GOOD, UNKNOWN, WARNING, StateItem, clock_text
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class StateStrip:
             items |= {item.name: item for item in panel.state_items()}
         self._items = tuple(items.values())
         if (reading := self._run.figures.reading) is not None:
-            self.alarms.look(troubles_of(reading.modules, self._items))
+            self.alarms.look(causes_of(reading.modules, self._items))
 
     def build(self, page: Page) -> None:
         """Build the strip of a page."""

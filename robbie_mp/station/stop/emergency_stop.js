@@ -96,7 +96,7 @@ export default {
       const detail = `the base does not answer; repeated for ${Math.floor(answer.waits_s ?? 0)} s`;
       return { state: "NOT CONFIRMED", look, detail };
     },
-    // Whether the key closes an open menu, as in any program. If that menu is still there next time, the key stops.
+    // Whether Escape closes an open menu, as in any program. If that menu is still open next time, Escape stops the robot.
     only_closes_a_menu() {
       const menu = document.querySelector(".q-menu");
       const is_new = menu !== null && menu !== this.spared;
@@ -206,7 +206,7 @@ window.robot_age_s = (born_s) => {
   const offset_s = (robot_clock.limits[0] + robot_clock.limits[1]) / 2;
   return Math.max(0, performance.now() / 1000 + offset_s - born_s);
 };
-// How much longer than the shortest known way something took that the robot sent, and that came here, at these times, s.
+// How much longer than the fastest message so far something took, s; sent at sent_s by the robot's clock, here at came_s.
 window.robot_way_s = (sent_s, came_s) =>
   robot_clock.limits ? Math.max(0, came_s + robot_clock.limits[0] - sent_s) : null;
 window.age_text = (age_s) => {

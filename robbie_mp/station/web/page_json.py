@@ -5,7 +5,7 @@ import math
 from typing import Any, NoReturn
 
 MAX_DIGITS = 22
-"""Of an integer: JavaScript writes larger ones with an exponent, and no float holds those of Python."""
+"""Of an integer. JavaScript writes larger ones with an exponent; in Python they may not fit into a float."""
 
 
 def from_page(text: str) -> Any:

@@ -372,9 +372,9 @@ def test_node_that_dies_before_it_responds_is_an_error(ros: Ros) -> None:
 
 
 def wait_until_returned(bridge: ModuleHarness[Ros2Bridge], sent: dict[str, Message]) -> None:
-    """Send messages, again and more and more rarely those that have not returned, until each has.
+    """Send messages until each has returned with the same bytes; repeat missing ones, at growing intervals.
 
-    A busy machine that needs more than a second for a large one must not get another one each second.
+    A busy machine that needs more than a second for a large message must not get another one every second.
     """
     missing = {topic: message.encode() for topic, message in sent.items()}
     due_s, patience_s = time.monotonic(), RESEND_S

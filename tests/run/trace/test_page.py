@@ -13,7 +13,8 @@ from robbie_mp.base.visible_text import visible
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.run.trace.page import TracePage
-from tests.run.trace._support.browser import needs_chromium, work_in
+from tests.run.trace._support.browser import work_in
+from tests.station._support.browser import needs_chromium
 
 pytestmark = pytest.mark.slow
 

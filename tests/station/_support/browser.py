@@ -33,7 +33,7 @@ __all__ = [
 browser = chromium
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None,
-    reason="THE OPERATOR'S PAGE IS NOT TESTED: no Chromium; try apt-get install chromium-headless-shell",
+    reason="PAGES ARE NOT TESTED: no Chromium; try apt-get install chromium-headless-shell",
 )
 DRIVER = "GL Driver Message (OpenGL, Performance"
 """The warning of a browser that draws without a graphics card."""

@@ -83,6 +83,19 @@ def test_place_looks_like_itself_a_lap_before_and_says_how_far_it_is_turned() ->
     assert abs(np.angle(np.exp(1j * (off[2] - turn_rad)))) < 0.3
 
 
+def test_places_whose_sweeps_were_thinned_to_one_become_one() -> None:
+    """Otherwise a robot that drives for days in one room would describe it again and again."""
+    keys = KeySweeps()
+    index = PlaceIndex(keys)
+    mapped = mapped_room()
+    for sweep, pose in zip(mapped.sweeps, mapped.poses, strict=True):
+        keys.add(sweep, pose)
+        index.look()
+    assert len(index.state()["numbers"]) > 3
+    index.renumber(np.arange(len(keys)) // len(keys))
+    assert index.state()["numbers"].tolist() == [0]
+
+
 def test_loop_that_the_others_contradict_is_taken_back() -> None:
     graph = PoseGraph()
     for number in range(20):

@@ -348,7 +348,6 @@ class WorldResult:
         error_m: Mean absolute translational error of the relations, in the map's trajectory.
         odometry_m: The same for odometry.
         ratio: Their quotient.
-        absolute_m: Mean distance from the truth after alignment, in the map's trajectory.
         untold: Slips and lifts that mapping did not report within 5 s.
     """
 
@@ -357,8 +356,6 @@ class WorldResult:
     error_m: float
     odometry_m: float
     ratio: float
-    absolute_m: float
-    odometry_absolute_m: float
     loops: int
     false_loops: int
     slips: int
@@ -403,8 +400,6 @@ def trial(kind: str, seed: int, change: dict[str, Any] | None = None) -> WorldRe
         error_m=round(error, 4),
         odometry_m=round(by_odometry, 4),
         ratio=round(error / by_odometry, 3),
-        absolute_m=round(_off_aligned(path, log.true), 3),
-        odometry_absolute_m=round(_off_aligned(log.odometry, log.true), 3),
         loops=mapper.loops_closed,
         false_loops=false_loops(mapper, log.true),
         slips=mapper.slips_noticed,
@@ -435,15 +430,6 @@ def _relations(true: Array, random: np.random.Generator, most: int = 1500) -> Ar
     step = relative(one[:, 1:], other[:, 1:])
     flat = np.zeros(len(pairs))
     return np.column_stack([one[:, 0], other[:, 0], step[:, :2], flat, flat, flat, step[:, 2]])
-
-
-def _off_aligned(path: Array, true: Array) -> float:
-    """Return the mean distance of a path's positions from the true ones, after the best rigid alignment."""
-    places = np.column_stack([np.interp(true[:, 0], path[:, 0], path[:, axis]) for axis in (1, 2)])
-    one, other = places - places.mean(axis=0), true[:, 1:3] - true[:, 1:3].mean(axis=0)
-    turn = np.arctan2((one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum(), (one * other).sum())
-    turned = one @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    return float(np.hypot(*(turned - other).T).mean())
 
 
 def false_loops(mapper: GridMapper, true: Array) -> int:

@@ -5,8 +5,8 @@ const WAIT_MS = 100;
 
 // Follows groups of live parts while an element is visible: draws each packet, then reports that.
 export class Live {
-  // draw(parts, came_s): draws the changed parts, as { name: ArrayBuffer }, which came at a time of this browser's clock;
-  // returns what to report, or nothing; may return a promise. opened(): called when there is a new connection.
+  // draw(parts, came_s): draws the changed parts, as { name: ArrayBuffer }, that arrived at came_s by this browser's clock;
+  // returns what to report, or nothing; may return a promise. opened(): called for each new connection.
   constructor(groups, element, draw, opened = () => {}) {
     Object.assign(this, { groups, element, draw, opened, socket: null, in_sight: false });
     this.look = this.look.bind(this);

@@ -3,14 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-from tools.operator.chromium import CHROMIUM, chromium
-
-needs_chromium = pytest.mark.skipif(
-    CHROMIUM is None,
-    reason="THE TRACE'S PAGE IS NOT TESTED: no Chromium; try apt-get install chromium-headless-shell",
-)
+from tools.operator.chromium import chromium
 
 
 def work_in(page: Path, script: str) -> Any:

@@ -1,10 +1,10 @@
 """How far wheel odometry may be off, learnt from how well it predicts good matches.
 
-At first odometry counts as that of an uncalibrated robot. With each stretch of the way, the variance of its
-error is averaged anew, for each axis apart: along, across, and in heading. A match counts only for an axis on
-which it says more than odometry does, and by as much: otherwise a robot in a bare corridor would find its
-odometry perfect. In outline, this is the adaptive estimation of Mehra, "On the identification of variances
-and adaptive Kalman filtering" (1970), with errors cut off (Huber).
+At first, odometry is assumed to be that of an uncalibrated robot. After each stretch of the way, a running
+average of its squared error is updated, separately for each axis: along, across, and heading. A match counts
+for an axis only if it knows more about it than odometry does, and in proportion: otherwise a robot in a bare
+corridor would consider its odometry perfect. In outline, this is the adaptive estimation of Mehra, "On the
+identification of variances and adaptive Kalman filtering" (1970), with clipped errors (Huber).
 """
 
 from collections.abc import Mapping
@@ -16,14 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_robots.workers.planar_pose import compose, relative, wrap_angle
 
 STRETCH_M, STRETCH_RAD = 1.5, 1.0  # errors of shorter ways say little of longer ones
-PRIOR, MOST = 6.0, 60.0  # stretches that the first guess counts as; those that count in the end
+PRIOR, MOST = 6.0, 60.0  # weight of the first guess, and greatest weight of the past, in stretches
 LEAST_KNOWN = 0.5  # share of what is known of an axis that must come from the match
-CUT = 9.0  # squared error, in variances, beyond which it counts no more
-WHOLE_SLIP, LEAST_SLIP = 0.25, 0.2  # m or rad of a step with all of its slip; a shorter one's least share
+CUT = 9.0  # squared errors are clipped here, in variances
+WHOLE_SLIP, LEAST_SLIP = (
+    0.25,
+    0.2,
+)  # m or rad of a step with the full slip; least share of it
 LEAST, GREATEST = 0.05**2, 1.5**2  # of the variance, as a share of the first guess
 
 
-class OdometryNoise:
+class OdometryDeviation:
     """The standard deviation of odometry over a step."""
 
     def __init__(self) -> None:
@@ -56,7 +59,7 @@ class OdometryNoise:
         self._odometry, self._matched, self._known = np.array(state["stretch"])
         self._turned = float(state["turned"])
 
-    def deviation(self, step: ArrayLike) -> NDArray[np.float64]:
+    def over(self, step: ArrayLike) -> NDArray[np.float64]:
         """Return the standard deviation over a step (x m, y m, heading rad)."""
         return self.share * first_guess(step)
 

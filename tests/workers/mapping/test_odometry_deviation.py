@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from robbie_robots.workers.mapping.odometry_noise import OdometryNoise, first_guess
+from robbie_robots.workers.mapping.odometry_deviation import OdometryDeviation, first_guess
 
 KNOWN = np.ones(3)
 STEP = np.array([0.5, 0.0, 0.0])
 
 
-def driven(error: float, known: NDArray[np.float64], steps: int = 600) -> OdometryNoise:
+def driven(error: float, known: NDArray[np.float64], steps: int = 600) -> OdometryDeviation:
     """Matches that find odometry off by a share of each step, along and in heading."""
-    noise, random = OdometryNoise(), np.random.default_rng(0)
+    noise, random = OdometryDeviation(), np.random.default_rng(0)
     for _ in range(steps):
         off = error * random.standard_normal(2)
         noise.learn(STEP, STEP + np.array([off[0], 0.0, off[1]]), known)
@@ -22,12 +22,12 @@ def driven(error: float, known: NDArray[np.float64], steps: int = 600) -> Odomet
 
 
 def test_unknown_odometry_counts_as_uncalibrated() -> None:
-    assert OdometryNoise().deviation(STEP) == pytest.approx(first_guess(STEP))
+    assert OdometryDeviation().over(STEP) == pytest.approx(first_guess(STEP))
 
 
 def test_good_odometry_is_trusted_more_in_the_end_and_bad_odometry_less() -> None:
-    assert driven(0.005, KNOWN).deviation(STEP)[0] < 0.2 * first_guess(STEP)[0]
-    assert driven(0.2, KNOWN).deviation(STEP)[0] > 1.2 * first_guess(STEP)[0]
+    assert driven(0.005, KNOWN).over(STEP)[0] < 0.2 * first_guess(STEP)[0]
+    assert driven(0.2, KNOWN).over(STEP)[0] > 1.2 * first_guess(STEP)[0]
 
 
 def test_what_a_match_does_not_know_teaches_nothing() -> None:
@@ -46,7 +46,7 @@ def test_noise_is_bounded_and_one_wrong_match_changes_little() -> None:
 
 
 def test_restored_noise_goes_on_alike() -> None:
-    noise, restored = driven(0.01, KNOWN, steps=31), OdometryNoise()
+    noise, restored = driven(0.01, KNOWN, steps=31), OdometryDeviation()
     restored.restore(deepcopy(noise.state()))
     for one in (noise, restored):
         one.learn(STEP, STEP, KNOWN)
