@@ -112,7 +112,8 @@ class SlipWatch:
         """
         agreement = self._agreement(match, sweep.hits.thinned(MOST_POINTS), reference)
         is_strained = _is_strained(guess, deviation, match)
-        if self._undecided or is_strained or agreement < SUSPECT:
+        hardly_overlaps = match.on_surface.mean() < CONVINCING
+        if self._undecided or is_strained or hardly_overlaps or agreement < SUSPECT:
             for reach_m, reach_rad, overlap in WINDOWS:
                 window = SearchWindow(reach_m, reach_rad, DOUBT_PER_M2)
                 other = None if self._undecided else match
@@ -211,7 +212,9 @@ class SlipWatch:
             # Where most returns lie on surfaces, the others may be people where the map is free.
             if other.on_surface.mean() < DOUBTFUL:
                 better = max(better, agrees - agreement)
-            if agrees < agreement or better < CLEARLY_BETTER:
+            # Of a place that hardly overlaps the map, agreement says little: it is a share of few returns.
+            agrees_less = other.on_surface.mean() >= CONVINCING and agrees < agreement
+            if agrees_less or better < CLEARLY_BETTER:
                 return (match, False) if is_strained and not is_same else (None, False)
         best = Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD)
         least = max(LEAST_SCORE, found.score - 2 * RIVAL_WORSE)

@@ -12,8 +12,9 @@ from robbie_mp.logs.recording.carmen_records import LaserRecord
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.mapping.grid_mapper import GridMapper
 from robbie_robots.workers.mapping.slam_metric import BadInput, main, measure, read_table
+from tests._support.places import PROJECT
 
-DATA = Path(__file__).parents[3] / "shared/data"
+DATA = PROJECT.parent / "shared/data"
 needs_intel = pytest.mark.skipif(not DATA.exists(), reason=f"the Intel log is not in {DATA}")
 STRAIGHT = np.array([[10, 0, 0, 0], [11, 1, 0, 0], [12, 2, 0, 0], [13, 2, 0, math.pi / 2]], float)
 

@@ -127,6 +127,14 @@ def test_trial_is_not_misled_by_a_wrong_place_that_fits() -> None:
 
 
 @pytest.mark.slow
+def test_slip_to_where_the_scan_hardly_overlaps_the_map_is_noticed() -> None:
+    """The few returns on known surfaces agreed, so the pose counted as certain, 1.5 m off."""
+    building = trial(10, slips=2)
+    assert [slip.is_good for slip in building.slips] == [True, True]
+    assert max(slip.unwarned_m for slip in building.slips) < 0.1
+
+
+@pytest.mark.slow
 def test_trial_notices_a_slip_in_a_random_building() -> None:
     building = trial(0, slips=1, before_m=6.0, after_m=1.0)
     assert building.false_alarms == 0
