@@ -2,8 +2,6 @@
 
 import argparse
 import contextlib
-import fcntl
-import os
 import signal
 import sys
 import termios
@@ -25,6 +23,9 @@ if TYPE_CHECKING:
 
 SOON_S = 0.3
 """A module that steps stands again sooner."""
+
+LOOK_EVERY_S = 0.1
+"""Period of looks, while the user types, whether the module is still there."""
 
 MAX_PROMPT = 1 << 14
 """Characters of an unfinished line, which may be the prompt; a longer one is none, and is shown at once."""
@@ -145,7 +146,7 @@ def _typed(terminal: DebugLink, prompt: str) -> str:
 def _interrupted_by(terminal: DebugLink) -> Iterator[None]:
     """Raise `_ModuleGone` within the block when the module says something or goes: nobody has asked it to.
 
-    Python's line editor waits for the keyboard alone, so the kernel sends a signal.
+    Python's line editor waits for the keyboard alone, so a signal wakes it, again and again.
     """
     is_typing = True
 
@@ -153,16 +154,11 @@ def _interrupted_by(terminal: DebugLink) -> Iterator[None]:
         if is_typing and terminal.has_news(0):
             raise _ModuleGone
 
-    before = signal.signal(signal.SIGIO, leave)
-    fd = terminal.connection.fileno()
-    flags = fcntl.fcntl(fd, fcntl.F_GETFL)
-    fcntl.fcntl(fd, fcntl.F_SETOWN, os.getpid())
-    fcntl.fcntl(fd, fcntl.F_SETFL, flags | os.O_ASYNC)
+    before = signal.signal(signal.SIGALRM, leave)
+    signal.setitimer(signal.ITIMER_REAL, LOOK_EVERY_S, LOOK_EVERY_S)
     try:
-        if terminal.has_news(0):
-            raise _ModuleGone
         yield
     finally:
         is_typing = False
-        fcntl.fcntl(fd, fcntl.F_SETFL, flags)
-        signal.signal(signal.SIGIO, before)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)

@@ -181,7 +181,7 @@ def test_output_that_cannot_be_written_is_a_failure(
 
 
 def test_deleted_working_directory(place: Place, tmp_path: Path) -> None:
-    assert not faults(done(place, third(place.commands(), 0), folder=tmp_path / "gone", gone=True))
+    assert not faults(done(place, third(place.commands(), 0), folder=tmp_path, gone=True))
 
 
 @pytest.mark.sampled(1)

@@ -1,6 +1,7 @@
 """`breakpoint()` in a module opens the debugger in `robbie attach`, and nothing hangs whoever dies."""
 
 import os
+import select
 import signal
 import subprocess
 import time
@@ -12,7 +13,7 @@ import pytest
 
 from tests._support import robot as robots
 from tests._support.debugger import held_by_debugger
-from tests._support.robot import COMMAND, Ended, Robot, kill, wait_until
+from tests._support.robot import COMMAND, LIMIT_S, Ended, Robot, kill, wait_until
 
 CODE = """
 import threading
@@ -320,5 +321,6 @@ def test_line_that_is_being_typed_gives_way_when_the_module_dies(standing: Robot
 def read_until(fd: int, text: bytes) -> bytes:
     shown = b""
     while not shown.endswith(text):
+        assert select.select([fd], [], [], LIMIT_S)[0], shown
         shown += os.read(fd, 1000)
     return shown

@@ -13,6 +13,7 @@ from nicegui import ui
 from robbie_mp.attached.views.message_text import describe_playback
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.station.page.log_events import EventKind, LogEvent, LogEvents
+from robbie_mp.station.page.slider import Slider
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class PlaybackBar:
             with ui.column().classes("w-full gap-0"):
                 text = ui.label("").props("id=playback-text role=status")
                 marks = EventMarks(self, page)
-                place = ui.slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
+                place = Slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
             place.set_enabled(page.role is Role.OPERATOR)
             if page.role is Role.OPERATOR:
                 # Only the operator causes these two; a new position does not. The position may change

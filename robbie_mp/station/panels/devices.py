@@ -13,6 +13,7 @@ from nicegui import ui
 
 from robbie_mp.run.profile.show import inline
 from robbie_mp.station.page.page import Page
+from robbie_mp.station.page.slider import Slider
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.setting_change import SettingRequest
 from robbie_mp.station.watch.settings import Entry
@@ -143,13 +144,13 @@ def has_control(outline: dict[str, Any]) -> bool:
     return bool(outline["choices"]) or (not outline["is_list"] and (is_range or outline["kind"] == "bool"))
 
 
-def _element_for(outline: dict[str, Any], ask: Callable[[Any], None]) -> ui.select | ui.switch | ui.slider:
+def _element_for(outline: dict[str, Any], ask: Callable[[Any], None]) -> ui.select | ui.switch | Slider:
     if outline["choices"]:
         choice = ui.select(outline["choices"], multiple=outline["is_list"]).classes("w-full")
         return choice.on_value_change(lambda event: ask(event.value))
     if outline["kind"] == "bool":
         return ui.switch("on").on_value_change(lambda event: ask(event.value))
     low, high = outline["minimum"], outline["maximum"]
-    slider = ui.slider(min=low, max=high, step=(high - low) / STEPS, value=low).props("label")
+    slider = Slider(min=low, max=high, step=(high - low) / STEPS, value=low).props("label")
     # The event "change" means that the operator has released the slider, not that the value is new.
     return slider.on("change", lambda event: ask(event.args))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 from nicegui.element import Element
 
+from robbie_mp.station.page.slider import Slider
 from robbie_mp.station.panel import Panel
 
 if TYPE_CHECKING:
@@ -57,10 +58,10 @@ class DrivePanel(Panel):
 
     def _build_controls(self, page: Page, driver: Drives) -> None:
         linear_text = ui.label("")
-        linear = ui.slider(min=0.05, max=self._settings.max_linear_m_per_s, step=0.05)
+        linear = Slider(min=0.05, max=self._settings.max_linear_m_per_s, step=0.05)
         linear.props('id=linear-limit dense aria-label="Fastest ahead in m/s"')
         angular_text = ui.label("")
-        angular = ui.slider(min=0.1, max=self._settings.max_angular_rad_per_s, step=0.1)
+        angular = Slider(min=0.1, max=self._settings.max_angular_rad_per_s, step=0.1)
         angular.props('id=angular-limit dense aria-label="Fastest turn in rad/s"')
         without_guard = ui.switch("without guard, until you let go").props("id=without-guard dense")
         ui.label(

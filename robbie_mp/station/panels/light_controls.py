@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from robbie_mp.messages import SetLight
+from robbie_mp.station.page.slider import Slider
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class LightSliders:
     def __init__(self, page: Page, lights: LightsWatch):
         self._page = page
         self._lights = lights
-        self._rows: dict[LightId, tuple[ui.slider, ui.label]] = {}
+        self._rows: dict[LightId, tuple[Slider, ui.label]] = {}
         self._box = ui.element("div").classes("joint-controls").props("id=light-controls")
 
     def update(self) -> bool:
@@ -72,11 +73,11 @@ class LightSliders:
             text.set_text("NOT KNOWN" if brightness is None else f"{brightness:.0%}")
         return bool(shown)
 
-    def _build_row(self, light: LightId) -> tuple[ui.slider, ui.label]:
+    def _build_row(self, light: LightId) -> tuple[Slider, ui.label]:
         with ui.element("div").classes("joint-row"):
             ui.label(light.name).classes("joint-name")
             step = 5 if light.can_dim else FULL_PERCENT
-            slider = ui.slider(min=0, max=FULL_PERCENT, step=step).classes("light-slider")
+            slider = Slider(min=0, max=FULL_PERCENT, step=step).classes("light-slider")
             slider.props["aria-label"] = f"Brightness of the {light.name} in percent"
             slider.props["data-light"] = light.name
             # Only what the visitor does: the value itself also changes when the light does.

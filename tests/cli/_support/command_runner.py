@@ -8,7 +8,6 @@ import os
 import signal
 import sys
 import time
-from pathlib import Path
 from tempfile import TemporaryFile, mkdtemp
 from typing import IO, Any, NoReturn
 
@@ -77,10 +76,11 @@ def be_command(case: dict[str, Any], output: IO[str], errors: IO[str]) -> NoRetu
     os.setsid()
     os.environ["XDG_RUNTIME_DIR"] = mkdtemp(dir=os.environ["XDG_RUNTIME_DIR"])  # sees no run of the others
     if case["gone"]:
-        Path(case["folder"]).mkdir()
-    os.chdir(case["folder"])
-    if case["gone"]:
-        Path(case["folder"]).rmdir()
+        gone = mkdtemp(dir=case["folder"])
+        os.chdir(gone)
+        os.rmdir(gone)
+    else:
+        os.chdir(case["folder"])
     for name, value in case["environment"].items():
         os.environ.pop(name, None) if value is None else os.environ.update({name: value})
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

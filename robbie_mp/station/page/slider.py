@@ -1,0 +1,13 @@
+"""A slider that hears each key."""
+
+from nicegui import ui
+
+
+class Slider(ui.slider):
+    """A slider that moves in the browser at once, and not only when the server has answered.
+
+    Otherwise a key that takes back the one before it, pressed before that answer, would mean no change to the
+    browser, and be lost.
+    """
+
+    LOOPBACK = False
