@@ -29,13 +29,15 @@ SLOW_TIMEOUT_S = 600
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark the tests of the slow folders; give slow ones time where other programs use the processors."""
-    if not config.getoption("--exhaustive"):
-        leave_out_cases(config, items)
     for item in items:
         if any(item.path.is_relative_to(folder) for folder in SLOW_FOLDERS):
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
+    if not config.getoption("--exhaustive"):
+        leave_out_cases(config, items)
+    if turn := config.getoption("--turn"):
+        leave_out_other_turns(config, items, *map(int, turn.split("/")))
 
 
 def leave_out_cases(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -49,6 +51,19 @@ def leave_out_cases(config: pytest.Config, items: list[pytest.Item]) -> None:
         count = min(sample_size(tried[0]), len(tried))
         kept = {number * len(tried) // count for number in range(count)}
         left_out |= {item for number, item in enumerate(tried) if number not in kept}
+    leave_out(config, items, left_out)
+
+
+def leave_out_other_turns(config: pytest.Config, items: list[pytest.Item], turn: int, turns: int) -> None:
+    """Of the slow tests that are not of `every_turn`, keep those of every `turns`th file."""
+    slow = {item for item in items if item.get_closest_marker("slow")}
+    rotated = {item for item in slow if not item.get_closest_marker("every_turn")}
+    files = sorted({item.path for item in rotated})
+    kept = set(files[turn % turns :: turns])
+    leave_out(config, items, {item for item in rotated if item.path not in kept})
+
+
+def leave_out(config: pytest.Config, items: list[pytest.Item], left_out: set[pytest.Item]) -> None:
     items[:] = [item for item in items if item not in left_out]
     config.hook.pytest_deselected(items=list(left_out))
 
@@ -63,11 +78,16 @@ def pytest_unconfigure() -> None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Let a test that tries many cases try all of them."""
+    """Let a test that tries many cases try all of them, and a run try a part of the slow files."""
     parser.addoption(
         "--exhaustive",
         action="store_true",
         help="all cases, all kill points, 2,000 cuts of a log",
+    )
+    parser.addoption(
+        "--turn",
+        metavar="N/M",
+        help="of the files with slow tests, each Mth from the Nth on, and the tests of `every_turn`",
     )
 
 

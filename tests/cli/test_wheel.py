@@ -144,6 +144,7 @@ def own_run() -> str:
     return mine[0].run_id if mine and (mine[0].folder / SOCKET_NAME).exists() else ""
 
 
+@pytest.mark.every_turn
 def test_new_robot_runs_with_only_the_wheel_installed(program: Path, tmp_path: Path) -> None:
     run("robbie", "new", "my-robot", cwd=tmp_path)
     robot = tmp_path / "my-robot"

@@ -12,7 +12,7 @@ from tests.robot._support.stock_robot import StockRobot
 from tools.trials.missions.rescue import RescueResult, judge
 
 # The time of the mission is simulated, but that of the machine is not; on a busy one it takes its time.
-pytestmark = pytest.mark.timeout(400)
+pytestmark = [pytest.mark.every_turn, pytest.mark.timeout(400)]
 
 
 def test_small_mission_finds_all_victims_maps_everything_and_comes_home(robot: StockRobot) -> None:

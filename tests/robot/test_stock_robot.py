@@ -21,6 +21,7 @@ pytestmark = [pytest.mark.alone, pytest.mark.timeout(150)]
 needs_intel = pytest.mark.skipif(not INTEL.exists(), reason=f"the Intel log is not at {INTEL}")
 
 
+@pytest.mark.every_turn
 def test_demo_explores_maps_drives_home_and_touches_nothing(robot: StockRobot) -> None:
     code, modules, errors = robot.run("demo", "--set", "exploration.time_limit_s=7")
     assert code == 0, errors

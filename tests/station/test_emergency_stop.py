@@ -22,7 +22,7 @@ from tests.station._support.browser import (
 )
 from tests.station.test_page import address_of
 
-pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(600)]
+pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.every_turn, pytest.mark.alone]
 HERE = Path(__file__).parent
 PROFILE = """
 modules:

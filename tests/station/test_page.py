@@ -7,7 +7,7 @@ from robbie_mp.run.operator_link import read_link
 from tests._support.robot import Ended, Robot
 from tests.station._support.browser import browser, dialog_is_gone, needs_chromium, page_of, release
 
-pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(180)]
+pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.every_turn, pytest.mark.timeout(180)]
 LOST = (
     "Failed to load resource: net::ERR_FAILED",
     "Quasar is not defined",

@@ -169,6 +169,7 @@ def test_line_cut_short_by_a_kill_counts_as_never_written(tmp_path: Path) -> Non
     assert violations(tmp_path, talk=cut) == []
 
 
+@pytest.mark.every_turn
 @pytest.mark.alone
 @pytest.mark.timeout(180)
 def test_short_campaign_finds_no_violation(

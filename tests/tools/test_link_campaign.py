@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tools.link.campaign import Campaign, Epoch, judge, judge_closed, since
 
 SENT = {"reliable": [1, 2, 3, 4, 5]}
@@ -45,6 +47,7 @@ def test_a_killed_senders_messages_are_judged_by_the_books_that_it_last_told() -
     assert since(received, 96) == {"reliable": [96, 97, 98, 99, 100]}
 
 
+@pytest.mark.every_turn
 def test_a_short_campaign_violates_nothing(tmp_path: Path) -> None:
     report = Campaign(tmp_path, seed=3).play(kills=8)
     assert report.violations == []

@@ -14,7 +14,7 @@ from tools.robot import Robot
 from tools.ros1.ros import Ros
 from tools.ros1.trial import ALL, SCAN, robot_beside, run_trial
 
-pytestmark = [pytest.mark.slow, needs_ros1]
+pytestmark = [pytest.mark.slow, pytest.mark.every_turn, needs_ros1]
 SPEED_M_PER_S, VALID_S = 0.25, 0.3
 
 

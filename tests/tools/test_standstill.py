@@ -138,6 +138,7 @@ def test_every_process_that_a_way_needs_is_killed_stopped_and_spins() -> None:
         assert ("network cut" in found) == way.is_far
 
 
+@pytest.mark.every_turn
 @pytest.mark.alone
 def test_robot_driven_by_hand_is_measured() -> None:
     (stopped,) = measure_way(

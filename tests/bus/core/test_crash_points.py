@@ -14,7 +14,7 @@ from tests.bus.core._support.history import SLOTS, History
 from tests.bus.core._support.memory import Fuse, StateLog
 from tests.bus.core._support.simulated_run import SimulatedRun
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.every_turn]
 
 Scenario = Callable[[History], None]
 

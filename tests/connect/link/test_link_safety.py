@@ -15,6 +15,7 @@ WHEELS = '  wheels: {class: "crew.modules:Wheels"}'
 
 
 @pytest.mark.slow
+@pytest.mark.every_turn
 def test_no_command_arrives_late_or_of_a_held_stick_after_a_stopped_link_goes_on(robot: Robot) -> None:
     pair = Pair(robot, PILOT, WHEELS)
     pair.start("red", "blue")

@@ -41,7 +41,7 @@ from tests._support.places import PROJECT
 from tests._support.robot import LIMIT_S
 from tests.connect.ros2._support.ros_nodes import DISTRIBUTIONS, RosNode, ros_node, until
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.every_turn]
 RESEND_S = 1.0
 DOMAIN = 20 + os.getpid() % 80
 JAZZY = get_typestore(Stores.ROS2_JAZZY)

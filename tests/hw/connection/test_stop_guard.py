@@ -107,6 +107,7 @@ def test_robot_stands_after_its_driver_is_killed_or_stopped(line: Line, how: sig
 
 
 @pytest.mark.slow
+@pytest.mark.every_turn
 @pytest.mark.alone
 @KILLED_OR_STOPPED
 def test_robot_stands_soon_after_its_driver_is_killed_or_stopped(line: Line, how: signal.Signals) -> None:
@@ -162,6 +163,7 @@ def test_robot_stands_after_its_guard_is_lost_until_a_new_one_answers_and_a_new_
 
 
 @pytest.mark.slow
+@pytest.mark.every_turn
 @pytest.mark.alone
 @KILLED_OR_STOPPED
 def test_robot_stands_soon_after_its_guard_is_lost(line: Line, how: signal.Signals) -> None:
@@ -255,6 +257,7 @@ def test_create_stands_after_its_guard_was_killed_and_then_its_driver_stopped(tm
 
 
 @pytest.mark.slow
+@pytest.mark.every_turn
 @pytest.mark.alone
 @pytest.mark.parametrize("drives_again_s", [0.0, 0.02, 0.05, 0.1, 0.5])
 def test_create_stands_soon_after_its_guard_was_killed_and_then_its_driver_stopped(

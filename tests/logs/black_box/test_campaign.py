@@ -13,7 +13,7 @@ from robbie_mp.logs.recording.reader import open_log
 from tests._support.robot import Ended, Robot, kill, wait_until
 from tests.logs.black_box.test_black_box import MODULES, PROFILE, box, start
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.slow, pytest.mark.every_turn, pytest.mark.timeout(600)]
 KILLS = 5
 LOGGER = "  logger: {class: robbie_mp.logs.message_logger:MessageLogger}\nblack_box:"
 FLOOD = """
