@@ -403,13 +403,16 @@ class GridMapper:
         pause_s = stamp_s - self._newest[0]
         if not 0.0 < pause_s < np.inf:
             return False
-        usual_s = float(np.median(self._pauses_s)) if len(self._pauses_s) >= FEWEST_PAUSES else 0.0
+        is_known = len(self._pauses_s) >= FEWEST_PAUSES
+        usual_s = float(np.median(self._pauses_s)) if is_known else 0.0
         self._pauses_s.append(pause_s)
         if pause_s < GAP_PAUSES * usual_s:
             return False
         step = relative(self._newest[1], odometry)
         is_silent = self._odometry.longest_pause_s(self._newest[2], position) >= SILENCE_S
-        return bool(is_silent or (pause_s >= GAP_S and np.hypot(step[0], step[1]) >= GAP_M))
+        # At the beginning, each sweep may come as late as that.
+        is_long = is_known and pause_s >= GAP_S and np.hypot(step[0], step[1]) >= GAP_M
+        return bool(is_silent or is_long)
 
     @property
     def _parts(self) -> int:

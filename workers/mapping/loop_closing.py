@@ -7,6 +7,9 @@ surface that the other hit. This rejects places that only look alike.
 Where no loop has been closed for long, places anywhere on the map that look alike are candidates too
 (`place_index`). Such a loop is closed when several places in succession agree on where the robot is, each of
 them known in all directions. A loop that later ones contradict is taken back.
+
+A loop that would move the map farther than the pose graph's own uncertainty allows needs more evidence: a
+near one, several places that agree; a far one, many.
 """
 
 from collections import deque
@@ -55,6 +58,12 @@ FAR_DRIFT = 0.3  # greatest drift, as a share of the travel
 FAR_OVERLAP, FAR_DEVIATION = 0.6, np.array([0.1, 0.1, 0.05])  # m, m, rad
 UNKNOWN = 1e-3  # information of a direction of which nothing is known
 AGREEING, AGREEING_WITHIN_M = 4, 25.0  # places that must agree, and the travel on which they lie
+MANY_AGREEING, MANY_WITHIN_M = 12, 60.0  # the same for an improbable loop far away
+PLACE_M = 2.0  # travel after which the robot is at another place
+LARGE_M, LARGE_RAD = 0.1, 0.03  # loops that move the map by less are not weighed against its uncertainty
+IMPROBABLE = 3.0  # standard deviations
+SLACK = np.array([0.05, 0.05, 0.01])  # m, m, rad: the map's uncertainty is at least this
+SLIGHTLY_WORSE = 0.05  # share of surfaces by which a fit where the map has the robot may be worse
 SAME_PLACE = np.array([0.5, 0.5, 0.1])  # m, m, rad: what places that agree may differ by, and
 SAME_PER_M = 0.02  # m for each m of travel between them
 
@@ -132,12 +141,15 @@ class LoopCloser:
         misfit = 0.0
         for old, reach_m in self._candidates(newest):
             window = SearchWindow(reach_m, float(np.clip(0.1 * (1 + reach_m), 0.0, 0.5)), 0.02 / reach_m**2)
-            match = self._recognised(newest, old, before, window)
+            match = self._recognised(newest, old, before, window, is_near=True)
             if match is None:
                 continue
-            self._close(self._seen(old, newest, match))
-            off = match.pose - before
-            misfit = max(misfit, float(np.hypot(off[0], off[1])), abs(float(wrap_angle(off[2]))))
+            loop = self._seen(old, newest, match)
+            loops = self._supported(loop, AGREEING) if self._is_improbable(loop) else [loop]
+            for one in loops:
+                self._close(one)
+                off = match.pose - before
+                misfit = max(misfit, float(np.hypot(off[0], off[1])), abs(float(wrap_angle(off[2]))))
         place = self._places.look()
         if place is not None and travelled[place] - self._closed_at_m > LONG_M:
             for loop in self._far(place):
@@ -180,18 +192,39 @@ class LoopCloser:
             covariance = np.linalg.inv(one.information + UNKNOWN * np.eye(3))
             if (np.sqrt(np.diag(covariance)) > FAR_DEVIATION).any():
                 continue
-            agreeing = [other for other in self._alike if self._agree(other, one)]
-            self._alike.append(one)
-            if len({other.new for other in agreeing}) >= AGREEING - 1:
-                self._alike.clear()
-                return [*agreeing, one]
+            if loops := self._supported(
+                one, *((MANY_AGREEING, MANY_WITHIN_M) if self._is_improbable(one) else ())
+            ):
+                return loops
         return []
 
-    def _agree(self, one: _Alike, other: _Alike) -> bool:
+    def _is_improbable(self, loop: _Alike) -> bool:
+        """Return whether a loop would move the map farther than its uncertainty allows."""
+        poses, graph = self._keys.poses, self._keys.graph
+        off = _apart(relative(poses[loop.old], poses[loop.new]), loop.offset)
+        if not _is_large(off):
+            return False
+        covariance = graph.covariance_between(loop.old, loop.new) + np.diag(SLACK**2)
+        covariance += np.linalg.inv(loop.information + UNKNOWN * np.eye(3))
+        return bool(off @ np.linalg.solve(covariance, off) > IMPROBABLE**2)
+
+    def _supported(
+        self, loop: _Alike, places: int = AGREEING, within_m: float = AGREEING_WITHIN_M
+    ) -> list[_Alike]:
+        """Return a loop and those that agree with it, if they are of so many places. Otherwise it waits."""
+        travelled = self._keys.travelled_m
+        agreeing = [other for other in self._alike if self._agree(other, loop, within_m)]
+        if len({travelled[one.new] // PLACE_M for one in (*agreeing, loop)}) < places:
+            self._alike.append(loop)
+            return []
+        self._alike.clear()
+        return [*agreeing, loop]
+
+    def _agree(self, one: _Alike, other: _Alike, within_m: float) -> bool:
         """Return whether two places, one after the other, agree on where the robot is."""
         poses, travelled = self._keys.poses, self._keys.travelled_m
         way_m = float(travelled[other.new] - travelled[one.new])
-        if not 0 < way_m < AGREEING_WITHIN_M:
+        if not 0 < way_m < within_m:
             return False
         here = compose(poses[other.old], other.offset)
         there = compose(compose(poses[one.old], one.offset), relative(poses[one.new], poses[other.new]))
@@ -220,9 +253,23 @@ class LoopCloser:
         return found
 
     def _recognised(
-        self, newest: int, old: int, guess: NDArray[np.float64], window: SearchWindow
+        self,
+        newest: int,
+        old: int,
+        guess: NDArray[np.float64],
+        window: SearchWindow,
+        *,
+        is_near: bool = False,
     ) -> Match | None:
         """Match the newest sweeps, around a guess, with those around an old one.
+
+        Args:
+            newest: The sweep whose pose is sought.
+            old: The sweep that may have been taken at the same place.
+            guess: Where to begin.
+            window: The poses to search.
+            is_near: Whether the guess is the map's own. It is kept if it fits nearly as well: of what shows
+                little of one direction, the best fit may be anywhere along it.
 
         Returns:
             The pose of the newest sweep, or None if the places differ.
@@ -240,6 +287,11 @@ class LoopCloser:
             return None
         matcher = ScanMatcher(surfaces)
         whole = matcher.refine(here, found.pose)
+        if is_near and _is_large(_apart(guess, whole.pose)):
+            known = np.linalg.inv(keys.graph.covariance_between(old, newest) + np.diag(SLACK**2))
+            own = matcher.refine(here, guess, guess, rotated_information(known, keys.poses[old, 2]))
+            if own.on_surface.mean() >= whole.on_surface.mean() - SLIGHTLY_WORSE:
+                whole = own
         if whole.on_surface.mean() < LEAST_OVERLAP:
             return None
         seen_through = self._looked_through(
@@ -264,3 +316,14 @@ class LoopCloser:
                 transform_points(relative(pose, np.zeros(3)), places)
             )
         return through
+
+
+def _apart(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far two poses in the same frame are apart along its axes and in heading."""
+    off = other - one
+    off[2] = wrap_angle(off[2])
+    return off
+
+
+def _is_large(off: NDArray[np.float64]) -> bool:
+    return bool(np.hypot(off[0], off[1]) > LARGE_M or abs(off[2]) > LARGE_RAD)

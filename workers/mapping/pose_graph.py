@@ -118,6 +118,17 @@ class PoseGraph:
         self.settled()
         return float(np.hypot(*(self.poses - before)[:, :2].T).max())
 
+    def covariance_between(self, base: int, seen: int) -> NDArray[np.float64]:
+        """Return how well a pose is known from another one: covariance `(3, 3)`, in the frame of `base`."""
+        edges = self._edges()
+        factors = self._factors(edges, *self._weighted(edges, DOUBT))
+        derivatives = jacobians(self.poses[[base]], self.poses[[seen]])[0]
+        by_poses = np.zeros((3 * len(self.poses), 3))
+        by_poses[3 * base : 3 * base + 3] = derivatives[0].T
+        by_poses[3 * seen : 3 * seen + 3] += derivatives[1].T
+        covariance: NDArray[np.float64] = by_poses[3:].T @ factors.solve(by_poses[3:])
+        return covariance
+
     def drop_contradicted(self) -> int:
         """Remove the loops that the other edges contradict. Return how many."""
         edges = self._edges()
@@ -138,21 +149,31 @@ class PoseGraph:
 
     def _step(self, edges: "_Edges", doubt: float) -> NDArray[np.float64]:
         """Return one Gauss-Newton step for all poses except the first, `(N - 1, 3)`."""
-        error = edges.errors(self.poses)
+        weighted, derivatives = self._weighted(edges, doubt)
+        rights = -np.einsum("eaij,ej->eai", weighted, edges.errors(self.poses))
+        variables = edges.ends[:, :, None] * 3 + np.arange(3)
+        right = np.bincount(variables.ravel(), rights.ravel(), minlength=3 * len(self.poses))
+        factors = self._factors(edges, weighted, derivatives)
+        return np.asarray(factors.solve(right[3:])).reshape(-1, 3)
+
+    def _weighted(self, edges: "_Edges", doubt: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the edges' derivatives times their information, `(E, 2, 3, 3)`, and the derivatives."""
         trust = np.minimum(1.0, 2 * doubt / (doubt + edges.squared_errors(self.poses))) ** 2
         trust = np.where(edges.doubtful, trust, 1.0)
         derivatives = jacobians(self.poses[edges.ends[:, 0]], self.poses[edges.ends[:, 1]])
-        weighted = np.einsum("eaji,ejk->eaik", derivatives, edges.information * trust[:, None, None])
+        return np.einsum("eaji,ejk->eaik", derivatives, edges.information * trust[:, None, None]), derivatives
+
+    def _factors(
+        self, edges: "_Edges", weighted: NDArray[np.float64], derivatives: NDArray[np.float64]
+    ) -> Any:
+        """Factorise the Hessian of all poses except the first."""
         blocks = np.einsum("eaij,ebjk->eabik", weighted, derivatives)
-        rights = -np.einsum("eaij,ej->eai", weighted, error)
         variables = edges.ends[:, :, None] * 3 + np.arange(3)
         rows = np.broadcast_to(variables[:, :, None, :, None], blocks.shape)
         columns = np.broadcast_to(variables[:, None, :, None, :], blocks.shape)
         size = 3 * len(self.poses)
         system = coo_matrix((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size)).tocsc()
-        right = np.bincount(variables.ravel(), rights.ravel(), minlength=size)
-        factors = splu(system[3:, 3:], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-        return np.asarray(factors.solve(right[3:])).reshape(-1, 3)
+        return splu(system[3:, 3:], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
 
 
 @dataclass(frozen=True)

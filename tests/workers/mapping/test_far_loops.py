@@ -1,12 +1,14 @@
 """A place is recognised far away on the map, and a loop that others contradict is taken back."""
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from robbie_robots.workers.mapping.grid_mapper import GridMapper
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.loop_closing import LoopCloser
 from robbie_robots.workers.mapping.place_index import PlaceIndex
 from robbie_robots.workers.mapping.pose_graph import PoseGraph
 from robbie_robots.workers.planar_pose import compose, relative
@@ -111,3 +113,34 @@ def test_loop_that_the_others_contradict_is_taken_back() -> None:
     graph.optimise()
     assert graph.poses[-1] == pytest.approx([9.5, 0, 0], abs=0.3)
     assert graph.drop_contradicted() == 0
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_corridor_like_one_before_is_the_same_only_if_the_way_there_is_uncertain(is_known: bool) -> None:
+    """A few places in a row that look alike are no evidence against a map that knows better."""
+    log, keys = logged(replace(BUILDING, way_m=32.0, bare=0.0), seed=3), KeySweeps()
+    closer, middle = LoopCloser(keys), len(log.sweeps)
+    first = np.array([log.true[np.searchsorted(log.true[:, 0], at), 1:] for at, _ in log.sweeps])
+    poses = np.concatenate([first, compose([9.0, 9.0, 0.0], first)[: int(0.7 * middle)]])
+    for number, pose in enumerate(poses):
+        keys.add(log.sweeps[number % middle][1], pose)
+        if number:
+            information = np.diag([0.01, 0.01, 1.0]) if number == middle and not is_known else CERTAIN
+            keys.graph.add_edge(number - 1, number, relative(poses[number - 1], pose), information)
+        closer.look()
+    off = np.hypot(*(keys.poses[middle + 9] - keys.poses[9])[:2])
+    assert off == pytest.approx(np.hypot(9.0, 9.0) if is_known else 0.0, abs=0.2)
+    assert closer.closed == 0 if is_known else closer.closed >= 4
+
+
+def test_pose_is_known_from_another_as_well_as_the_edges_between_them_say() -> None:
+    graph = PoseGraph()
+    for number in range(5):
+        graph.add_pose((0.0, 2.0 * number, np.pi / 2))
+        if number:
+            graph.add_edge(number - 1, number, (2, 0, 0), np.diag([100.0, 400.0, 1e4]))
+    along, across, turned = np.sqrt(np.diag(graph.covariance_between(1, 4)))
+    assert along == pytest.approx(0.1 * np.sqrt(3))
+    assert across == pytest.approx(np.sqrt(3 * 0.05**2 + (4**2 + 2**2) * 0.01**2))
+    assert turned == pytest.approx(0.01 * np.sqrt(3))
+    assert np.sqrt(np.diag(graph.covariance_between(0, 1))) == pytest.approx([0.1, 0.05, 0.01])
