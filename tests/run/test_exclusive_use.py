@@ -41,6 +41,7 @@ def is_running(*robots: Robot) -> bool:
     return running >= {str(robot.folder) for robot in robots}
 
 
+@pytest.mark.slow
 def test_robot_of_a_workspace_runs_once_unless_another_is_asked_for(robot: Robot) -> None:
     robot.write_profile(PROFILE)
     first = robot.start()

@@ -14,7 +14,7 @@ import pytest
 from tests.bus.hot._support.build import HOT, PROGRAMS, compile_c
 
 PAIRS = ("records", "numbers", "blocks")
-RECORDS = 30_000
+RECORDS = 10_000
 MANY_RECORDS = 100_000
 RACE_EXIT = 66
 RING = (HOT / "ring.c").read_text()

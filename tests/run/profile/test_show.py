@@ -168,7 +168,7 @@ def test_colour_only_on_a_terminal(robot: Robot) -> None:
 
 
 def test_closed_output_causes_no_traceback(robot: Robot) -> None:
-    robot.write("long", "variables:\n" + "".join(f"  key{n}: 1\n" for n in range(5000)))
+    robot.write("long", "variables:\n" + "".join(f"  key{n}: {'x' * 2000}\n" for n in range(100)))
     run = "import sys; from robbie_mp.cli import main; sys.exit(main(['profile', 'show', 'long']))"
     process = subprocess.Popen(
         [sys.executable, "-c", run],
