@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.base.visible_text import one_line
-from robbie_mp.cli.export_forms import CSV, NPZ, PLY, TRAJECTORIES, Form, Rows, new_files, pictures
+from robbie_mp.cli.export_forms import (
+    CSV,
+    NPZ,
+    PLY,
+    TRAJECTORIES,
+    Form,
+    Rows,
+    new_files,
+    parquet,
+    pictures,
+)
 from robbie_mp.cli.export_size import is_wanted, sizes
 from robbie_mp.cli.file_names import file_names
 from robbie_mp.cli.log_files import (
@@ -60,6 +70,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="write CSV files, and arrays as .npy (the default)")
     form.add_argument("--npz", action="store_true", help="write numpy .npz files")
+    form.add_argument("--parquet", action="store_true", help="write Parquet files, for pandas and the like")
     form.add_argument("--png", action="store_true", help="write images as PNG files, and nothing else")
     form.add_argument("--ply", action="store_true", help="write point clouds and scans as PLY files, only")
     form.add_argument(
@@ -113,6 +124,8 @@ def _form(arguments: argparse.Namespace) -> Form:
         return TRAJECTORIES[arguments.trajectory]
     if arguments.png:
         return pictures()
+    if arguments.parquet:
+        return parquet()
     return PLY if arguments.ply else NPZ if arguments.npz else CSV
 
 

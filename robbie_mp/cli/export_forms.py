@@ -18,6 +18,7 @@ from robbie_mp.cli.export_table import ChannelTable
 from robbie_mp.cli.file_names import safe_name
 from robbie_mp.logs.recording.columns import Columns, columns
 from robbie_mp.logs.recording.errors import LogError, LogNotWritten
+from robbie_mp.logs.recording.parquet import ParquetLibrary, ParquetTable
 from robbie_mp.logs.recording.ply import CLOUD_TYPES, ply
 from robbie_mp.logs.recording.png import IMAGE_TYPES, PngMaker
 from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name
@@ -144,7 +145,12 @@ class Rows:
         balance: counts what is left out. The caller counts each message that it has written as used.
         progress: called for each message.
         most: read the first ones only; None: all.
+
+    Attributes:
+        message_bytes: bytes of the last message.
     """
+
+    message_bytes = 0
 
     def __init__(
         self,
@@ -171,6 +177,7 @@ class Rows:
             except DecodeError:
                 self.balance.leave_out(f"messages of {self.name} that do not encode their type")
             else:
+                self.message_bytes = len(logged.data)
                 yield logged.time_ns, logged.sequence, message
 
     def made(self, make: Callable[[Message, int], Made]) -> Iterator[tuple[int, int, Message, Made]]:
@@ -236,6 +243,24 @@ def _write_npz(rows: Rows, files: NewFiles, name: str) -> None:
             with archive.open(f"{column}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)
     rows.balance.use(len(found))
+
+
+def parquet() -> Form:
+    """Return the form for Parquet files.
+
+    Raises:
+        NotParquet: Apache Arrow is not installed.
+    """
+    library = ParquetLibrary()
+
+    def write(rows: Rows, files: NewFiles, name: str) -> None:
+        unit = units(rows.message_type, rows.channel.schema or "", stock_registry())
+        with files.open(name) as file, ParquetTable(library, rows.message_type, file, unit) as table:
+            for time_ns, sequence, message in rows:
+                table.add(time_ns, sequence, message, rows.message_bytes)
+                rows.balance.use()
+
+    return Form("messages", ".parquet", write)
 
 
 def pictures() -> Form:

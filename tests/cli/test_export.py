@@ -88,7 +88,7 @@ def columns_of(path: Path) -> dict[str, list[str]]:
     return {name: [row[index] for row in rows] for index, name in enumerate(names)}
 
 
-@pytest.mark.parametrize("form", ["--csv", "--npz", "--ply", "--trajectory=tum"])
+@pytest.mark.parametrize("form", ["--csv", "--npz", "--parquet", "--ply", "--trajectory=tum"])
 def test_size_of_an_export_is_estimated(log: Path, form: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with LogFile(Path("b.mcap")) as file:
         for number in range(200):

@@ -173,7 +173,7 @@ def test_units_are_those_beside_the_fields_and_none_is_invented() -> None:
 
 @pytest.mark.parametrize(
     "form",
-    [[], ["--npz"], ["--ply"], ["--trajectory", "tum"], ["--rosbag2"]],
+    [[], ["--npz"], ["--parquet"], ["--ply"], ["--trajectory", "tum"], ["--rosbag2"]],
     ids=" ".join,
 )
 def test_strict_export_of_a_damaged_log_leaves_nothing(

@@ -1,0 +1,177 @@
+"""The messages of a channel as a Parquet file, made by the library Apache Arrow."""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from robbie_mp.base.extras import how_to_install
+from robbie_mp.logs.recording.errors import LogError
+from robbie_mp.messages import Message
+from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Primitive, Text
+from robbie_mp.messages.message import fields_of, nested
+
+TIME, SEQUENCE = "time_ns", "sequence"
+"""The columns of what is no field; fields of these names become `message.time_ns` and `message.sequence`."""
+GROUP_BYTES, MAX_ROWS = 1 << 25, 1 << 16
+"""A row group ends when its messages have so many bytes, or it has so many rows: all of it is in memory."""
+UNIT = "unit"
+"""The key of a column's unit in its metadata."""
+Values = list[Any]
+Column = tuple[str, str, FieldType, Callable[[Values], Values]]
+"""Name, the name of its field in Python, its type, and what gets its values from messages."""
+
+
+class NotParquet(LogError, ImportError):
+    """Parquet files cannot be written.
+
+    Example scenarios:
+      - Apache Arrow is not installed
+    """
+
+
+class ParquetLibrary:
+    """Apache Arrow's library.
+
+    Raises:
+        NotParquet: it is not installed.
+    """
+
+    def __init__(self) -> None:
+        try:
+            import pyarrow  # noqa: PLC0415 - an extra
+            import pyarrow.parquet  # noqa: PLC0415
+        except ImportError as error:
+            raise NotParquet(f"Parquet files need Apache Arrow: {how_to_install('parquet')}") from error
+        self.arrow: Any = pyarrow
+
+    def kind(self, kind: FieldType) -> Any:
+        """Return Arrow's type for a type of field."""
+        arrow = self.arrow
+        match kind:
+            case Primitive():
+                return arrow.from_numpy_dtype(kind.dtype)
+            case Text():
+                return arrow.string()
+            case Nested():
+                inner = [(one.schema_name, self.kind(one.type)) for one in fields_of(kind.message)]
+                return arrow.struct(inner) if inner else arrow.null()  # Parquet has no empty structure
+            case Numbers(length=None) if kind.element.dtype == np.uint8:
+                return arrow.binary()
+            case Numbers(length=int(length)):
+                return arrow.list_(self.kind(kind.element), length)
+            case _:
+                return arrow.list_(self.kind(kind.element))
+
+    def array(self, kind: FieldType, values: Values) -> Any:
+        """Return values of a type of field as an array of Arrow."""
+        arrow, made = self.arrow, self.kind(kind)
+        if isinstance(kind, Nested):
+            return self._structures(kind, values)
+        if isinstance(kind, Primitive | Text):
+            return arrow.array(values, made)
+        if arrow.types.is_binary(made):
+            return arrow.array([value.tobytes() for value in values], made)
+        if isinstance(kind, Items):
+            inside = self.array(kind.element, [item for value in values for item in value])
+        else:
+            elements = np.concatenate([np.empty(0, kind.element.dtype), *values])
+            inside = arrow.array(elements, made.value_type)
+        if arrow.types.is_fixed_size_list(made):
+            return arrow.FixedSizeListArray.from_arrays(inside, type=made)
+        return arrow.ListArray.from_arrays(_offsets(values), inside)
+
+    def _structures(self, kind: Nested, values: Values) -> Any:
+        """Return messages inside messages."""
+        fields, made = fields_of(kind.message), self.kind(kind)
+        if not fields:
+            return self.arrow.nulls(len(values))
+        inner = [self.array(one.type, [getattr(value, one.name) for value in values]) for one in fields]
+        return self.arrow.StructArray.from_arrays(inner, fields=list(made))
+
+
+def _offsets(values: Values) -> "np.ndarray[Any, Any]":
+    """Return where each list begins among the elements of all, and the end."""
+    return np.cumsum([0, *map(len, values)]).astype(np.int32)
+
+
+class ParquetTable:
+    """Writes the messages of a type as rows: time, sequence, and a column for each field.
+
+    Messages inside messages become columns of dotted names, such as `header.stamp.sec`; lists of messages are
+    lists of structures, and sequences of bytes are binary. Use it in a `with` statement.
+
+    Args:
+        library: the library.
+        message_type: the type.
+        file: the new file.
+        units: the units of fields by name, which their columns have as metadata.
+    """
+
+    def __init__(
+        self, library: ParquetLibrary, message_type: type[Message], file: BinaryIO, units: Mapping[str, str]
+    ):
+        self._library = library
+        self._columns = list(_columns(nested(message_type), "", "", list))
+        arrow = library.arrow
+        fields = [
+            arrow.field(
+                f"message.{name}" if name in (TIME, SEQUENCE) else name,
+                library.kind(kind),
+                metadata={UNIT: units[field]} if field in units else None,
+            )
+            for name, field, kind, _ in self._columns
+        ]
+        stamps = [arrow.field(TIME, arrow.int64()), arrow.field(SEQUENCE, arrow.uint32())]
+        self._schema = arrow.schema([*stamps, *fields])
+        self._writer = arrow.parquet.ParquetWriter(file, self._schema)
+        self._rows: list[tuple[int, int, Message]] = []
+        self._bytes = 0
+
+    def add(self, time_ns: int, sequence: int, message: Message, message_bytes: int) -> None:
+        """Add a message of so many bytes."""
+        self._rows.append((time_ns, sequence, message))
+        self._bytes += message_bytes
+        if self._bytes >= GROUP_BYTES or len(self._rows) == MAX_ROWS:
+            self._write_group()
+
+    def __enter__(self) -> "ParquetTable":
+        """Return itself."""
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Write what is left, unless there was an error, and the end of the file."""
+        try:
+            if self._rows and kind is None:
+                self._write_group()
+            self._writer.close()
+        finally:
+            self._writer.is_open = False  # or it would try again when it is collected
+
+    def _write_group(self) -> None:
+        times, sequences, messages = map(list, zip(*self._rows, strict=True))
+        found = [self._library.array(kind, values(messages)) for _, _, kind, values in self._columns]
+        arrow = self._library.arrow
+        stamps = [arrow.array(times, arrow.int64()), arrow.array(sequences, arrow.uint32())]
+        self._writer.write_table(arrow.table([*stamps, *found], schema=self._schema))
+        self._rows, self._bytes = [], 0
+
+
+def _columns(
+    kind: FieldType, name: str, field: str, values: Callable[[Iterable[Any]], Values]
+) -> Iterable[Column]:
+    """Yield the columns of a field, as `Column`."""
+    if not isinstance(kind, Nested):
+        yield name, field, kind, values
+        return
+    for one in fields_of(kind.message):
+
+        def inner(messages: Iterable[Any], attribute: str = one.name) -> Values:
+            return [getattr(value, attribute) for value in values(messages)]
+
+        yield from _columns(
+            one.type,
+            f"{name}.{one.schema_name}" if name else one.schema_name,
+            f"{field}.{one.name}" if field else one.name,
+            inner,
+        )
