@@ -131,6 +131,11 @@ class Module:
     With a longer slice than others it gets as much time as without, but other modules that wake up interrupt
     it at once. Set it to 100 if the module moves much data and must be prompt, too.
     """
+    handler_deadline_s: float | None = None
+    """How long a handler or tick may take before it counts as hung, unless the profile says it; None: 10 s.
+
+    Set it to less for a module that others wait for and whose handlers are short, such as a bridge.
+    """
     ticks_wait = False
     """Whether its ticks wait, such as for a device. Then it is not DEGRADED when it misses ticks."""
     follows_run_clock = True

@@ -19,6 +19,7 @@ from typing import Any, TextIO, TypeVar
 from robbie_mp.base.linux.prctl import die_with_parent
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages.descriptions import TypeDescription, own_types
+from robbie_mp.module.clock import AGES_S
 from robbie_mp.module.settings import SettingError, examine_settings
 from robbie_mp.run.profile.code_check import CodeFlaw, class_flaws, import_flaw, type_flaws
 from robbie_mp.run.variant import put_first
@@ -83,10 +84,15 @@ def examine(module: dict[str, Any], base: type, workspace: Path, others: list[st
     flaws: list[CodeFlaw] = []
     failure = ""
     is_missing = saves_state = False
+    deadline_s: float | None = None
     put_first(module["code"], module["class_path"])
     try:
         cls: type = load_class(module["class_path"], base)
         saves_state = _saves_state(cls)
+        deadline_s = getattr(cls, "handler_deadline_s", None)
+        if not (deadline_s is None or (isinstance(deadline_s, int | float) and 0 <= deadline_s <= AGES_S)):
+            text = f"{cls.__name__}.handler_deadline_s is {deadline_s!r}; it must be None, or in s at least 0"
+            errors.append((("class",), text))
         flaws += class_flaws(cls)
         folder_of = {name: Path(folder) for name, folder in module["folder_of"].items()}
         settings, found = examine_settings(cls, module["settings"], folder=workspace, folder_of=folder_of)
@@ -112,6 +118,7 @@ def examine(module: dict[str, Any], base: type, workspace: Path, others: list[st
         "failure": failure,
         "missing": is_missing,
         "saves_state": saves_state,
+        "handler_deadline_s": deadline_s,
         "types": known,
     }
 

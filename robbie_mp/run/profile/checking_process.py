@@ -36,6 +36,7 @@ def check_events(
         For each module `{"begin": name}`, then `{"result": {"errors": [[key, text]…], "flaws": [[file, line,
         text]…], "settings": {…}, "failure": traceback or "", "missing": whether that is an ImportError,
         "saves_state": whether it calls `checkpoint`,
+        "handler_deadline_s": the deadline of its class, or null,
         "types": [[name, version, schema]…]}}`; at last `{"end": True}`, or `{"broken": how it ended}`, or
         `{"useless": traceback}` if the base class cannot be imported.
     """

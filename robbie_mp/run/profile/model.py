@@ -106,6 +106,9 @@ class QueueLimits:
     """Bytes of one publisher that may also be in its ring or held by it; a single message may be larger."""
 
 
+HANDLER_DEADLINE_S = 10.0
+
+
 @dataclass(frozen=True)
 class ModuleSpec:
     """One module of a profile."""
@@ -128,8 +131,9 @@ class ModuleSpec:
     optional: bool = False
     """The run starts without this module if its code cannot be imported."""
     start_deadline_s: float = bounded(30.0, 0.1, AGES_S)
-    handler_deadline_s: float = bounded(10.0, 0, AGES_S)
-    """A handler or tick that takes longer counts as hung, and its process is killed; 0: no limit."""
+    handler_deadline_s: float | None = bounded(None, 0, AGES_S)
+    """A handler or tick that takes longer counts as hung, and its process is killed; 0: no limit; None: the
+    value of its class, or else `HANDLER_DEADLINE_S`."""
     stop_grace_s: float = bounded(3.0, 0, AGES_S)
     """Time between SIGTERM and SIGKILL on an ordered stop."""
     memory: MemoryLimits = MemoryLimits()

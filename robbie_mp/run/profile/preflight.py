@@ -36,6 +36,8 @@ class Preflight:
     """Those of `failures` that could not import something, such as a library that is not installed."""
     forgetful: set[str] = field(default_factory=set)
     """The modules that never call `checkpoint`."""
+    deadlines_s: dict[str, float | None] = field(default_factory=dict)
+    """`Module.handler_deadline_s` of the modules in `settings`."""
     types: dict[str, TypeDescription] = field(default_factory=dict)
     """The message types that the imported code declares, by name, without the stock types."""
 
@@ -48,6 +50,7 @@ class Preflight:
                 self.missing.add(module)
         else:
             self.settings[module] = result["settings"]
+            self.deadlines_s[module] = result.get("handler_deadline_s")
             if not result.get("saves_state"):
                 self.forgetful.add(module)
 
@@ -101,7 +104,7 @@ def preflight(
 
 
 def runnable(profile: Profile, findings: Preflight) -> Profile:
-    """Return the profile without the optional modules that cannot be imported.
+    """Return the profile without the optional modules that cannot be imported, with the classes' deadlines.
 
     Args:
         profile: what `load_profile` returned.
@@ -128,7 +131,11 @@ def runnable(profile: Profile, findings: Preflight) -> Profile:
         text = f"clock.source: {profile.clock.source} cannot be imported, and no other module turns the clock"
         raise ProfileError([Problem(text, profile.place_of("clock", "source"))])
     kept = tuple(
-        replace(module, depends_on=tuple(name for name in module.depends_on if name not in left_out))
+        replace(
+            module,
+            depends_on=tuple(name for name in module.depends_on if name not in left_out),
+            handler_deadline_s=_deadline_s(module, findings),
+        )
         for module in profile.modules
         if module.name not in left_out
     )
@@ -136,6 +143,12 @@ def runnable(profile: Profile, findings: Preflight) -> Profile:
         text = f"profile {profile.name} has no modules to run; list them under `modules:`"
         raise ProfileError([Problem(text, profile.place_of("modules"))])
     return replace(profile, modules=kept)
+
+
+def _deadline_s(module: ModuleSpec, findings: Preflight) -> float | None:
+    """Return the deadline of the profile, or else of the class."""
+    given_s = module.handler_deadline_s
+    return findings.deadlines_s.get(module.name) if given_s is None else given_s
 
 
 def first_problem(result: Mapping[str, Any]) -> str:

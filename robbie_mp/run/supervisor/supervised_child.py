@@ -8,6 +8,7 @@ from enum import Enum, auto
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.proc import is_traced, read_wait_channel
+from robbie_mp.run.profile.model import HANDLER_DEADLINE_S
 from robbie_mp.run.supervisor.child_spec import ChildKind, ChildSpec
 from robbie_mp.run.supervisor.crash import CrashWatch
 from robbie_mp.run.supervisor.deadlines import HangWatch, RunQueueTime
@@ -96,7 +97,9 @@ class SupervisedChild:
         self._leftovers: Leftovers | None = None
         self._run_queue: RunQueueTime | None = None
         self._streams: list[ChildStream] = []
-        self._hang_watch = HangWatch(spec.module.handler_deadline_s, spec.module.stop_grace_s)
+        deadline_s = spec.module.handler_deadline_s
+        deadline_s = HANDLER_DEADLINE_S if deadline_s is None else deadline_s
+        self._hang_watch = HangWatch(deadline_s, spec.module.stop_grace_s)
         self._crash_watch = CrashWatch(spec.name, output, surroundings.incarnations, surroundings.clock)
         self._is_opened = False
         self._may_restart = True

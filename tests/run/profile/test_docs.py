@@ -79,7 +79,7 @@ def test_every_key_of_a_module_is_documented_with_its_default() -> None:
             ["settings", "topics", "restart", "memory", "queue", "checkpoint", "scheduling"], "{}"
         ),
         "depends_on": "[]",
-        "record": "null",
+        **dict.fromkeys(["handler_deadline_s", "record"], "null"),
         **plain,
     }
 

@@ -388,6 +388,32 @@ def test_code_that_fails_otherwise_is_started_and_shown_as_failed(robot: Robot) 
     assert [module.name for module in runnable(robot.load(), robot.preflight()).modules] == ["camera"]
 
 
+BRIDGE = "from base_of_modules import Plain\nclass Bridge(Plain): handler_deadline_s = {}"
+
+
+def test_deadline_of_handlers_is_that_of_the_profile_or_else_of_the_class(robot: Robot) -> None:
+    robot.write_code("mods", BRIDGE.format("2.5"))
+    robot.write(
+        "demo",
+        """
+        modules:
+          plain: {class: "base_of_modules:Plain"}
+          bridge: {class: "mods:Bridge"}
+          patient: {class: "mods:Bridge", handler_deadline_s: 0}
+        """,
+    )
+    modules = runnable(robot.load(), robot.preflight()).modules
+    assert [module.handler_deadline_s for module in modules] == [None, 2.5, 0]
+
+
+@pytest.mark.parametrize("deadline", ["-1", "'2'", "float('nan')"])
+def test_deadline_of_a_class_must_be_one(robot: Robot, deadline: str) -> None:
+    robot.write_code("mods", BRIDGE.format(deadline))
+    robot.write("demo", "modules: {bridge: {class: 'mods:Bridge'}}")
+    with pytest.raises(ProfileError, match=r"demo.yaml:1: .*Bridge.handler_deadline_s is .*; it must be"):
+        robot.preflight()
+
+
 def test_optional_source_of_the_clock_cannot_be_missing(robot: Robot) -> None:
     robot.write_code("mods", "import no_such_library\nclass Camera: pass")
     robot.write("demo", "modules: {time: {class: 'mods:Camera', optional: true}}\nclock: {source: time}")

@@ -26,7 +26,7 @@ def test_end_of_a_mission_keeps_the_run_for_manual_drive_and_another_mission(rob
     robot.until(lambda modules: "http://" in modules["operator"]["status"])
     with browser() as started, page_of(started, read_link(robot.known_run().folder)) as page:
         press_until(page, "#tab-mission", "#mission-abort:enabled")
-        page.click("#mission-abort")
+        press_until(page, "#mission-abort", "#confirm-abort")
         page.click("#confirm-abort")
         page.wait_for_selector("#mission-results h2:has-text('The mission was aborted')")
         with page.expect_download() as report:
