@@ -154,7 +154,6 @@ class FoxgloveServer(Module):
     """
 
     period_s = 0.05
-    handler_deadline_s = 2.0
     slice_ms = MAX_SLICE_MS
     """Its images never make other modules wait, and the emergency stop from a client is as fast as ever."""
     follows_run_clock = False

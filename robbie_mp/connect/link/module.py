@@ -143,7 +143,6 @@ class Link(Module):
     """
 
     period_s = 0.01
-    handler_deadline_s = 2.0
     follows_run_clock = False
     plays = False
     """Whether the run has a time of its own, as when a log is played: it commands no other robot."""
