@@ -34,6 +34,9 @@ class Panel(ABC):
     """Name of a Material Icon of NiceGUI."""
     log_events: ClassVar[Sequence[EventKind]] = ()
     """Kinds of events in a log that the playback's bar shows, besides crashes and marks."""
+    is_built_when_shown: ClassVar[bool] = False
+    """Whether a page calls `build` only when it shows the panel for the first time, so that it opens sooner.
+    Such a panel can add no keys there."""
 
     def __init__(self, station: StationContext):
         self._pages = station.operators.pages

@@ -40,6 +40,11 @@ MODEL = f"""() => {{
   {SCENE}.getObjectByName("base_link").traverse(look);
   return is_there;
 }}"""
+ICON_WIDTH = """(() => {
+  const range = document.createRange();
+  range.selectNodeContents(document.querySelector("#tab-friends .q-icon"));
+  return range.getBoundingClientRect().width;
+})()"""
 TRIANGLE = """solid robot
 facet normal 0 0 1
 outer loop
@@ -89,6 +94,9 @@ def robots_own_panel_has_a_tab_and_is_in_sight_on_every_tab(page: Page) -> None:
     page.click("#tab-friends")
     page.wait_for_selector("#friends-text:text-is('Anna is here')")
     assert page.is_visible("#friends-greeting")
+    # A panel from elsewhere may have any icon and any style of NiceGUI, which come after the first picture.
+    page.wait_for_function(ICON_WIDTH + " < 30")  # and not as wide as the word
+    page.wait_for_function("getComputedStyle(document.querySelector('#friends-text')).fontStyle === 'italic'")
 
 
 def view_shows_what_there_is(page: Page) -> None:

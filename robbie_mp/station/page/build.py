@@ -10,10 +10,10 @@ from typing import Any
 
 import nicegui
 from nicegui import Client, ui
-from nicegui.dependencies import esm_modules
 
+from robbie_mp.station.page import first_paint
 from robbie_mp.station.page.cockpit import LAYOUT, TAB, Cockpit
-from robbie_mp.station.page.grid import GRIDSTACK, SCRIPTS, STYLES
+from robbie_mp.station.page.grid import STYLES
 from robbie_mp.station.page.keyboard import Keyboard, keys_button
 from robbie_mp.station.page.layouts import LayoutCollection
 from robbie_mp.station.page.look import COOKIE, LookSwitch
@@ -26,6 +26,7 @@ PRIMARY = "#00796b"
 POSITIVE, NEGATIVE = "#2e7d32", "#c62828"
 """Colours of notes. White text on them has contrasts of 5.1 and 5.6."""
 STYLE = Path(__file__).parent / "cockpit.css"
+SCRIPTS = [Path(__file__).parent / name for name in ("awake.js", "show_on_map.js")]
 LOG_OUT = """() => fetch(`${window.stop_prefix}/logout`, {method: 'POST'})
   .then(() => window.location.assign(`${window.stop_prefix}/login`))"""
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
@@ -58,7 +59,9 @@ addEventListener("error", ({ target }) => {
 }, true);
 </script>"""
 """Load a page again that stays empty because its network has lost a script, or say that it is refused."""
-LARGE_SCRIPTS = ("quasar.umd.prod.js", "tailwindcss.min.js")
+LARGE_SCRIPTS = ("quasar.umd.prod.js",)
+PURIFIER = "dompurify.mjs"
+"""The module that NiceGUI imports before it shows anything, but names last."""
 MAX_WAITING_PACKETS = 4
 """Maximum number of packets that wait for a browser. With this many waiting, its page is not updated."""
 NAMESPACE = "/"
@@ -111,6 +114,10 @@ class PageParts:
     """Each with its title."""
     plays_log: Callable[[], bool]
     """Returns whether a log plays."""
+    first_paint: str
+    """The path of the file with the icons and styles that the page needs first."""
+    is_ours: bool
+    """Whether that file has all that the panels use."""
     stop_path: str | None = None
     """Of a page that shows the past, the path of the live page, whose robot its emergency stop stops."""
 
@@ -125,8 +132,7 @@ def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: 
         single: the only panel that the page shows; '': it has layouts.
     """
     client = ui.context.client
-    _add_paths(client, parts.stop_path)
-    ui.add_head_html(LOAD_AGAIN)
+    _add_head(client, parts)
     ui.run_javascript(RECONNECT)
     for style in (*STYLES, STYLE):
         ui.add_css(style)
@@ -152,27 +158,24 @@ def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: 
     page.always(ENDS_PERIOD_S, page.show_ends)
 
 
-def _add_paths(client: Client, stop_path: str | None) -> None:
+def _add_head(client: Client, parts: PageParts) -> None:
     if client.request is not None:
-        ui.add_head_html(early(client.request.scope.get("root_path", "")))
         prefix, path = client.request.scope.get("root_path", ""), client.request.scope["path"]
         own_path = path[len(prefix) :]
-        stop_prefix = prefix if stop_path is None else stop_path.rstrip("/")
+        stop_prefix = prefix if parts.stop_path is None else parts.stop_path.rstrip("/")
         begin = BEGIN.replace("{prefix}", prefix).replace("{path}", own_path)
+        ui.add_head_html(early(prefix) + first_paint.head(prefix, parts.first_paint, is_all=parts.is_ours))
         ui.add_head_html(begin.replace("{stop_prefix}", stop_prefix))
+    scripts = "".join(file.read_text() for file in SCRIPTS)
+    ui.add_head_html(f"{LOAD_AGAIN}<script>{scripts}</script>")
 
 
 def early(prefix: str) -> str:
     """Return links for the largest scripts, which load while many small ones wait for round trips."""
-    root = f"{prefix}/_nicegui/{nicegui.__version__}"
-    scripts = [f"{root}/static/{name}" for name in LARGE_SCRIPTS]
-    modules = [f"{root}/esm/{key}/{GRIDSTACK}" for key, one in esm_modules.items() if one.name in SCRIPTS]
-    return "".join(
-        [
-            *(f'<link rel="preload" as="script" href="{one}">' for one in scripts),
-            *(f'<link rel="modulepreload" href="{one}">' for one in modules),
-        ]
-    )
+    root = f"{prefix}/_nicegui/{nicegui.__version__}/static"
+    links = [f'<link rel="preload" as="script" href="{root}/{name}">' for name in LARGE_SCRIPTS]
+    links.append(f'<link rel="modulepreload" href="{root}/{PURIFIER}">')
+    return "".join(links)
 
 
 def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:

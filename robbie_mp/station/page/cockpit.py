@@ -66,6 +66,8 @@ class Cockpit:
         self._layout: Layout = ()
         self._alone = single
         self._frames: dict[str, TileFrame] = {}
+        self._waiting: dict[str, Element] = {}
+        """The bodies of the tiles whose panels have not been built yet."""
         self._heads: dict[str, TileHead] = {}
         self._tabs: dict[str, ui.button] = {}
 
@@ -115,9 +117,16 @@ class Cockpit:
         with TileFrame(name) as frame, ui.element("section").classes("grid-stack-item-content tile") as tile:
             tile.props["aria-label"] = title
             self._heads[name] = TileHead(self, panel, title, is_fixed=bool(self._single))
-            with ui.element("div").classes("tile-body").props(f"id=panel-{name} tabindex=-1"):
-                panel.build(self._page)
-        self._frames[name] = frame
+            body = ui.element("div").classes("tile-body").props(f"id=panel-{name} tabindex=-1")
+        self._frames[name], self._waiting[name] = frame, body
+        if not panel.is_built_when_shown:
+            self._build_panel(name)
+
+    def _build_panel(self, name: str) -> None:
+        """Build what is in a tile, unless it is there already."""
+        if (body := self._waiting.pop(name, None)) is not None:
+            with body:
+                self._panels[name][0].build(self._page)
 
     def build_menu(self) -> None:
         """Build the button with the layouts."""
@@ -259,6 +268,8 @@ class Cockpit:
         shown = {self._alone} if self._alone else in_layout
         self._page.show(frozenset(shown))
         for name, frame in self._frames.items():
+            if name in shown:
+                self._build_panel(name)
             frame.show(name in shown)
             self._heads[name].show(is_alone=name == self._alone, is_in_layout=name in in_layout)
         self._grid.show(self._layout, self._alone)

@@ -58,6 +58,7 @@ class CamerasPanel(Panel):
     name = "cameras"
     title = "Cameras"
     icon = "photo_camera"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

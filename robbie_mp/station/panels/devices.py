@@ -33,6 +33,7 @@ class DevicesPanel(Panel):
     name = "devices"
     title = "Virtual devices"
     icon = "construction"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

@@ -28,6 +28,7 @@ class DrivePanel(Panel):
     name = "drive"
     title = "Drive"
     icon = "sports_esports"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

@@ -50,6 +50,7 @@ class HappenedPanel(Panel):
     name = "happened"
     title = "What happened"
     icon = "history"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

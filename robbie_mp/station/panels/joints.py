@@ -57,6 +57,7 @@ class JointsPanel(Panel):
     name = "joints"
     title = "Joints and lights"
     icon = "precision_manufacturing"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

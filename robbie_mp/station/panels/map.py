@@ -94,6 +94,7 @@ class MapPanel(Panel):
     name = "map"
     title = "Map"
     icon = "map"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

@@ -30,6 +30,7 @@ class MessagesPanel(Panel):
     name = "messages"
     title = "Messages"
     icon = "forum"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

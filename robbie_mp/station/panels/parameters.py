@@ -24,6 +24,7 @@ class ParametersPanel(Panel):
     name = "parameters"
     title = "Parameters"
     icon = "tune"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

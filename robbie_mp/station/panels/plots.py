@@ -49,6 +49,7 @@ class PlotsPanel(Panel):
     name = "plots"
     title = "Plots"
     icon = "show_chart"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

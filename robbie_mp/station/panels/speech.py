@@ -28,6 +28,7 @@ class SpeechPanel(Panel):
     name = "speech"
     title = "Speech"
     icon = "record_voice_over"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

@@ -39,6 +39,7 @@ class SystemPanel(Panel):
     name = "system"
     title = "System"
     icon = "memory"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

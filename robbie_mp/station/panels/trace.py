@@ -47,6 +47,7 @@ class TracePanel(Panel):
     name = "trace"
     title = "Trace"
     icon = "article"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

@@ -26,15 +26,7 @@ GROUP = "view"
 """Group of live parts that move."""
 PERIOD_S = 0.2
 """Time between updates of the objects and of the line of text."""
-LOAD = """new Promise((done) => {
-  const begin_ms = performance.now();
-  const timer = setInterval(() => {
-    const pictures = [...document.querySelectorAll(".camera-picture img")];
-    if (pictures.some((one) => !one.naturalWidth) && performance.now() - begin_ms < 5000) return;
-    clearInterval(timer);
-    done(import("nicegui-scene").then(() => true));
-  }, 100);
-})"""
+LOAD = """window.first_picture.then(() => import("nicegui-scene")).then(() => true)"""
 """Loads the library of the scene, which is large, after the first picture of the camera to drive by."""
 LOAD_LIMIT_S = 60.0
 COLOURS = {"plain": "one colour", "height": "by height", "intensity": "by intensity"}
@@ -48,6 +40,7 @@ class ViewPanel(Panel):
     name = "view"
     title = "3-D view"
     icon = "view_in_ar"
+    is_built_when_shown = True
 
     def __init__(self, station: StationContext):
         super().__init__(station)

@@ -17,6 +17,7 @@ from robbie_mp.station.context import context_of
 from robbie_mp.station.driving.driver import Driver
 from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
+from robbie_mp.station.page import first_paint
 from robbie_mp.station.page.alarms import AlarmBar
 from robbie_mp.station.page.build import BrowserLink, PageParts, build_page
 from robbie_mp.station.page.cockpit import TILE_PATH
@@ -64,6 +65,7 @@ def page_application() -> App:
     ui.run_with(
         application,
         dark=True,
+        tailwind=False,  # see first_paint
         language="en-US",
         reconnect_timeout=10.0,
         binding_refresh_interval=None,
@@ -151,6 +153,7 @@ class Website:
         playback = PlaybackBar(station.messages, [kind for one in self._panels for kind in one.log_events])
         alarms = AlarmBar(strip.alarms)
         marker = MomentMarker(station.clock, station.log)
+        style, is_ours = first_paint.serve(), first_paint.are_ours(map(type, self._panels))
         below = [panel.build_below_tiles for panel in self._panels]
         if past := station.settings.past_of:
             return PageParts(
@@ -161,6 +164,8 @@ class Website:
                 foot=[playback.build],
                 panels=titled,
                 plays_log=lambda: playback.has_log,
+                first_paint=style,
+                is_ours=is_ours,
                 stop_path=past.get("path", ""),
             )
         return PageParts(
@@ -175,6 +180,8 @@ class Website:
             foot=[*below, playback.build, control.add_keys],
             panels=titled,
             plays_log=lambda: playback.has_log,
+            first_paint=style,
+            is_ours=is_ours,
         )
 
     def _add_pages(self, parts: PageParts, layouts: LayoutCollection) -> None:

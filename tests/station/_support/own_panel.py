@@ -14,7 +14,7 @@ class FriendsPanel(Panel):
 
     name = "friends"
     title = "Friends"
-    icon = "group"
+    icon = "anchor"
 
     def __init__(self, station: StationContext):
         super().__init__(station)
@@ -22,7 +22,7 @@ class FriendsPanel(Panel):
         station.map.marks.add("friends", lambda: [MapMark("Anna", "#00897b", 2.0, 1.0, 0.5)])
 
     def build(self, page: Page) -> None:
-        ui.label("Anna is here").props("id=friends-text")
+        ui.label("Anna is here").classes("italic").props("id=friends-text")
 
     def build_on_every_tab(self, page: Page) -> None:
         ui.label("hello").props("id=friends-greeting")

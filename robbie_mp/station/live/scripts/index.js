@@ -2,6 +2,7 @@
 
 const RETRY_MS = 1000;
 const WAIT_MS = 100;
+let was_connected = false;
 
 // Follows groups of live parts while an element is visible: draws each packet, then reports that.
 export class Live {
@@ -27,8 +28,9 @@ export class Live {
   }
 
   open() {
-    // While the page itself is not connected, there is no server to connect to.
-    if (!window.socket?.connected) return this.try_again(WAIT_MS);
+    // While the page itself has lost its connection, there is no server to connect to. The page has just come from one.
+    was_connected ||= Boolean(window.socket?.connected);
+    if (was_connected && !window.socket?.connected) return this.try_again(WAIT_MS);
     const scheme = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = (this.socket = new WebSocket(`${scheme}//${location.host}${window.path_prefix}/live/${this.groups}`));
     socket.binaryType = "arraybuffer";

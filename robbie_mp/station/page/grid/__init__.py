@@ -11,7 +11,6 @@ from robbie_mp.station.page.layouts.layout import Layout, places_of
 
 HERE = Path(__file__).parent
 SCRIPTS = {"robbie-gridstack": str(HERE / "scripts")}
-GRIDSTACK = "gridstack-all.js"
 STYLES = (HERE / "scripts" / "gridstack.min.css", HERE / "tiles.css")
 
 

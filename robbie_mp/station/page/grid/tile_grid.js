@@ -1,7 +1,8 @@
-import { GridStack } from "robbie-gridstack";
-
 const CELLS = 24; // in each direction, so that the grid fills its place, whatever size that has
 const GAP = 3;
+const AGAIN_MS = 1000;
+const across = (cells) => `calc(${cells} * var(--gs-column-width))`; // as GridStack does it
+const down = (cells) => `calc(${cells} * var(--gs-cell-height))`;
 const CONFIRMED_MS = 1000; // the station confirms the shape of the window within this time; otherwise it is told again
 
 // The tiles of a layout. It emits "arranged", with x, y, width and height of each, when the visitor has
@@ -13,34 +14,20 @@ export default {
     return { portrait: innerHeight > innerWidth };
   },
   mounted() {
-    this.grid = GridStack.init(
-      {
-        column: CELLS,
-        maxRow: CELLS,
-        minRow: CELLS,
-        cellHeight: this.cell(),
-        margin: GAP,
-        float: true,
-        animate: false,
-        auto: false,
-        handle: ".tile-head",
-        draggable: { cancel: "button, input, a" },
-        resizable: { handles: "e, s, se, sw, w" },
-        disableDrag: this.fixed,
-        disableResize: this.fixed,
-        columnOpts: { columnMax: CELLS },
-      },
-      this.$refs.stack,
-    );
-    this.grid.on("dragstop resizestop", () => this.tell());
+    const { style } = this.$refs.stack;
+    style.setProperty("--gs-column-width", `${100 / CELLS}%`);
+    style.setProperty("--gs-cell-height", `${this.cell()}px`);
+    for (const side of ["top", "right", "bottom", "left"]) style.setProperty(`--gs-item-margin-${side}`, `${GAP}px`);
     this.observer = new ResizeObserver(() => {
-      this.grid.cellHeight(this.cell());
+      if (this.grid) this.grid.cellHeight(this.cell());
+      else style.setProperty("--gs-cell-height", `${this.cell()}px`);
       this.turn();
     });
     this.observer.observe(this.$el);
     this.lay();
     this.$nextTick(() => this.turn());
     this.timer = setInterval(() => this.turn(), CONFIRMED_MS);
+    if (!this.fixed) window.first_picture.then(() => this.let_move());
   },
   updated() {
     this.lay();
@@ -48,13 +35,40 @@ export default {
   unmounted() {
     clearInterval(this.timer);
     this.observer.disconnect();
-    this.grid.destroy(false);
+    this.grid?.destroy(false);
+    this.is_gone = true;
   },
   watch: {
     places: { handler: "lay", flush: "post" },
     alone: { handler: "lay", flush: "post" },
   },
   methods: {
+    // Lets visitors move tiles and change their sizes. Until then, tiles are only where they belong.
+    async let_move() {
+      const module = await import("robbie-gridstack").catch(() => null); // the network has lost it
+      if (this.is_gone) return;
+      if (!module) return setTimeout(() => this.let_move(), AGAIN_MS);
+      this.grid = module.GridStack.init(
+        {
+          column: CELLS,
+          maxRow: CELLS,
+          minRow: CELLS,
+          cellHeight: this.cell(),
+          margin: GAP,
+          float: true,
+          animate: false,
+          auto: false,
+          handle: ".tile-head",
+          draggable: { cancel: "button, input, a" },
+          resizable: { handles: "e, s, se, sw, w" },
+          columnOpts: { columnMax: CELLS },
+        },
+        this.$refs.stack,
+      );
+      this.grid.on("dragstop resizestop", () => this.tell());
+      this.laid = "";
+      this.lay();
+    },
     turn() {
       this.portrait = innerHeight > innerWidth;
       if (this.upright !== this.portrait) this.$emit("turned", { portrait: this.portrait });
@@ -68,10 +82,10 @@ export default {
     lay() {
       const { grid, places, alone } = this;
       const wanted = JSON.stringify([places, alone, this.tiles().map((one) => one.id)]);
-      if (!grid || wanted === this.laid) return;
+      if (wanted === this.laid) return;
       this.laid = wanted;
-      grid.batchUpdate();
-      for (const tile of [...grid.getGridItems()]) grid.removeWidget(tile, false, false);
+      grid?.batchUpdate();
+      for (const tile of [...(grid?.getGridItems() ?? [])]) grid.removeWidget(tile, false, false);
       for (const tile of this.tiles()) {
         const panel = tile.id.slice("tile-".length);
         const place = places[panel];
@@ -79,9 +93,10 @@ export default {
         tile.classList.toggle("is-alone", panel === alone);
         if (!place) continue;
         const [x, y, w, h] = place;
-        grid.makeWidget(tile, { id: panel, x, y, w, h, minW: 2, minH: 2, autoPosition: false });
+        if (grid) grid.makeWidget(tile, { id: panel, x, y, w, h, minW: 2, minH: 2, autoPosition: false });
+        else Object.assign(tile.style, { left: across(x), top: down(y), width: across(w), height: down(h) });
       }
-      grid.batchUpdate(false);
+      grid?.batchUpdate(false);
     },
     tell() {
       const places = {};

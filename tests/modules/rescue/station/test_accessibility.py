@@ -1,5 +1,6 @@
 """In a real browser, axe-core finds no serious fault on any layout of the operator's page, dark or light."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,16 @@ SERIOUS = ("serious", "critical")
 CHECK = "options => axe.run(options).then((found) => found.violations)"
 CONTRAST = {"runOnly": {"type": "rule", "values": ["color-contrast"]}}
 """The rule that depends on the look."""
+AS_TEXT = """() => {
+  const range = document.createRange();
+  return [...document.querySelectorAll(".material-icons, .q-icon")].filter((one) => {
+    range.selectNodeContents(one);
+    return range.getBoundingClientRect().width > 1.2 * parseFloat(getComputedStyle(one).fontSize);
+  }).map((one) => one.textContent);
+}"""
+FILES = "() => performance.getEntriesByType('resource').map((one) => one.name)"
+LARGE = re.compile(r"tailwindcss|\.woff2")
+"""What our own panels do not need: all icons, and the compiler of styles."""
 
 
 def test_no_layout_has_a_serious_fault_of_accessibility_in_either_look(robot: Robot) -> None:
@@ -55,8 +66,15 @@ def test_no_layout_has_a_serious_fault_of_accessibility_in_either_look(robot: Ro
         page.wait_for_selector("body.body--light")
         found += [f"light, {fault}" for fault in faults_of_all_layouts(page, CONTRAST)]
         assert not found, "\n".join(found)
+        assert not [file for file in page.evaluate(FILES) if LARGE.search(file)]
         page.reload()
         page.wait_for_selector("body.body--light")  # the browser has kept it
+
+
+def drawn_as_text(page: Page) -> list[str]:
+    """Return each icon that is wider than one sign, because no font has it."""
+    found: list[str] = page.evaluate(AS_TEXT)
+    return found
 
 
 def faults_of_all_layouts(page: Page, options: dict[str, Any]) -> list[str]:
@@ -66,6 +84,9 @@ def faults_of_all_layouts(page: Page, options: dict[str, Any]) -> list[str]:
     for number, layout in enumerate(layouts, 1):
         choose_layout(page, number, layout)
         found += [f"{layout}: {fault}" for fault in serious_faults(page, options)]
+        found += [
+            f"{layout}: the icon {icon} is not in the page's first file" for icon in drawn_as_text(page)
+        ]
     return found
 
 
