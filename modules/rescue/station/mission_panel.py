@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
@@ -20,8 +21,9 @@ from robbie_mp.station.watch.run import REFRESH_S
 from robbie_mp.station.web.access import Role
 from robbie_robots.modules.rescue.messages import MissionStatus, OrderMission, VictimFound
 from robbie_robots.modules.rescue.station.mission_results import DONE, ENDS, MissionResults
+from robbie_robots.modules.rescue.station.victim_list import VictimList
 from robbie_robots.modules.rescue.station.victim_question import VictimQuestion
-from robbie_robots.modules.rescue.station.victim_watch import STATES, KnownVictim, VictimWatch, victim_changes
+from robbie_robots.modules.rescue.station.victim_watch import VictimWatch, victim_changes
 from robbie_robots.modules.rescue.station.wall_layers import add_wall_layers
 from robbie_robots.modules.rescue.station.way_home import WayHome
 
@@ -36,6 +38,7 @@ BUTTONS = (
     ("Abort …", OrderMission.ABORT, "stop", "red-10", "x"),
 )
 """Each with its icon, colour and key."""
+STYLE = Path(__file__).parent / "mission_panel.css"
 SILENT_AFTER_S = 5.0
 """Maximum time between two messages of a mission that works."""
 PAUSE = "PAUSE"
@@ -77,21 +80,15 @@ class MissionPanel(Panel):
             yield mission_item(status.message, silence(status.age_s, SILENT_AFTER_S))
 
     def build(self, page: Page) -> None:
-        """Build the mission's buttons and both tables."""
+        """Build the mission's buttons, the table of states, and the list of victims."""
         self._control.build(page, self.name, REFRESH_S / 2)
         states = ui.table(columns=columns("module", "state", "status"), rows=[], row_key="module")
         states.props("dense flat id=mission-states").classes("w-full")
-        victims = ui.table(
-            columns=columns("number", "name", "state", "x in m", "y in m", "sure", "images"),
-            rows=[],
-            row_key="number",
-            title="Victims",
-        )
-        victims.props("dense flat id=mission-victims").classes("w-full")
+        victims = VictimList(page, self._watch)
 
         def update() -> None:
             states.rows = self._state_rows()
-            victims.rows = [victim_row(one) for _, one in sorted(self._watch.victims.items())]
+            victims.update()
 
         page.every(REFRESH_S / 2, self.name, update)
 
@@ -112,9 +109,10 @@ class MissionControl:
 
     def build(self, page: Page, panel: str, period_s: float) -> None:
         """Add buttons and texts to a panel of a page."""
-        with ui.row().classes("items-center"):
-            state = ui.badge("").props("id=mission-state").classes("text-lg p-2")
-            given: deque[Asked] = deque(maxlen=1)
+        ui.add_css(STYLE)
+        state = ui.label("").props("id=mission-state")
+        given: deque[Asked] = deque(maxlen=1)
+        with ui.element("div").classes("mission-buttons"):
             buttons = self._buttons(page, given) if page.role is Role.OPERATOR else {}
         text = ui.label("").props("id=mission-text")
         refusal = ui.label("").props("id=mission-refusal role=alert").classes("text-negative")
@@ -191,17 +189,3 @@ def mission_item(status: MissionStatus, silent: str) -> StateItem:
     if status.state == PAUSE:
         return StateItem("mission", "pause", text, WARNING, f"the robot is paused; {detail}")
     return StateItem("mission", "flag", text, GOOD, detail)
-
-
-def victim_row(victim: KnownVictim) -> dict[str, Any]:
-    """Return the table row of a victim."""
-    found, position = victim.found, victim.found.pose.position
-    return {
-        "number": found.id,
-        "name": found.name,
-        "state": STATES.get(found.state, str(found.state)),
-        "x in m": f"{position.x:.2f}",
-        "y in m": f"{position.y:.2f}",
-        "sure": f"{found.confidence:.0%}",
-        "images": found.views,
-    }

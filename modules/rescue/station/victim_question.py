@@ -1,4 +1,4 @@
-"""The question whether something is a victim. Every layout shows it, and it never covers the controls."""
+"""The question whether something is a victim. It has a place of its own in every layout, and covers none."""
 
 from __future__ import annotations
 
@@ -63,6 +63,7 @@ class VictimQuestion:
         if page.role is Role.OPERATOR:
             for text, _, _ in ANSWERS:
                 page.add_key(text[0].lower(), f"Answer {text} to the question about a victim")
+            page.add_key("u", "Take the answer back, for 3 s")
 
         def on_answer(event: GenericEventArguments) -> None:
             self._answer(page, event.args)
@@ -94,6 +95,7 @@ def question(victim: KnownVictim) -> dict[str, Any]:
         "id": found.id,
         "count": victim.image_count if found.image.data.size else 0,
         "text": f"{found.name}, at {position.x:.2f} m, {position.y:.2f} m",
+        "left_s": round(victim.time_left_s),
         "left": f"{victim.time_left_s:.0f} s left to answer; {found.confidence:.0%} sure",
         "silent": f"no news of it for {silent}: the robot may not receive the answer" if silent else "",
     }

@@ -1,6 +1,8 @@
 import { from_json, Live, MapPicture, show_age } from "robbie-live";
 
 const MAX_FIT_SCALE = 150; // pixels per m
+const SHOWN_SCALE = 80; // pixels per m, at least, round a place that is to be shown
+const SHOWN_MS = 10_000; // for so long, the map does not follow the robot then
 const STEP_M = 0.01; // of packed points
 const LEGEND = [
   ["arrow", "#c62828", "robot"], ["arrow", "#2e7d32", "goal"], ["line", "#1565c0", "path"], ["line", "#ef6c00", "trail"],
@@ -63,14 +65,30 @@ export default {
     this.observer.observe(canvas);
     this.ageing = setInterval(() => show_age(canvas.parentElement, this.marks.born), 200);
     this.live = new Live("marks+map", canvas, (parts) => this.take(parts));
+    this.on_show = () => this.show_place();
+    addEventListener("robbie-show-on-map", this.on_show);
+    this.show_place();
   },
   unmounted() {
     clearTimeout(this.focus_timer);
     clearInterval(this.ageing);
     this.observer.disconnect();
     this.live.close();
+    removeEventListener("robbie-show-on-map", this.on_show);
   },
   methods: {
+    // Brings the place that another panel wants to show into the middle, and stays there for a while.
+    show_place() {
+      const place = window.place_on_map;
+      if (!place) return;
+      window.place_on_map = null;
+      this.centre = place;
+      this.scale = Math.max(this.scale, SHOWN_SCALE);
+      this.fitted = this.adjusted = true;
+      this.stays_until_ms = performance.now() + SHOWN_MS;
+      this.$el.dataset.centre = `${place.x.toFixed(2)} ${place.y.toFixed(2)}`;
+      this.redraw();
+    },
     async take(parts) {
       for (const [name, part] of Object.entries(parts))
         if (name.startsWith("marks/points/")) this.scans.set(name, new Int16Array(part));
@@ -222,7 +240,7 @@ export default {
     // Keeps the robot in the middle.
     go_along() {
       const { robot } = this.marks;
-      if (this.follows === "stay" || !robot || this.press) return;
+      if (this.follows === "stay" || !robot || this.press || performance.now() < this.stays_until_ms) return;
       this.centre = { x: robot[0], y: robot[1] };
       this.turn = this.follows === "heading" ? Math.PI / 2 - robot[2] : 0;
     },

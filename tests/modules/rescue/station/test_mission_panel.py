@@ -12,6 +12,11 @@ from tests.station.test_panels import FITS, log_in
 
 pytestmark = [needs_chromium, pytest.mark.timeout(600)]
 BUTTONS = ("#mission-start", "#mission-pause", "#mission-return", "#mission-abort")
+MIN_TARGET_PX = 48
+PLACES = """() => {
+  const found = [...document.querySelectorAll(".tile, .mission-buttons button, #mission-states")];
+  return found.map((one) => [one.id, ...Object.values(one.getBoundingClientRect().toJSON())].join());
+}"""
 SUPPORT = Path(__file__).parent / "_support"
 PROFILE = """
 modules:
@@ -82,9 +87,13 @@ def victim_is_confirmed(page: Page, robot: Robot) -> None:
     left_s = int(page.inner_text("#victim-time-left").split()[0])
     assert 600 < left_s <= 900
     page.wait_for_function("document.querySelector('#victim-question img').naturalWidth == 2")
+    for button in ("#victim-yes", "#victim-no", "#victim-later", "#victim-undo"):
+        assert is_large(page, button)
+    places = page.evaluate(PLACES)
     page.click("#victim-yes")
     heard(robot, "answer 7 1")
     page.wait_for_selector("#victim-question", state="hidden")
+    assert page.evaluate(PLACES) == places, "the tiles have moved with the question"
 
 
 def map_and_view_show_the_victim(page: Page) -> None:
@@ -100,11 +109,14 @@ def mission_is_steered(page: Page, robot: Robot) -> None:
     page.wait_for_selector("#mission-state:has-text('EXPLORE')")
     page.wait_for_selector("#state-mission:has-text('EXPLORE 1:01 / 10:00')")
     can_press(page, "#mission-pause")
+    places = page.evaluate(PLACES)
     page.click("#mission-pause")
     heard(robot, "order 1")
     page.wait_for_selector("#mission-state:has-text('PAUSE')")
     page.wait_for_selector("#state-mission.is-warning:has-text('PAUSE 1:01 / 10:00')")
     can_press(page, "#mission-start", "#mission-return", "#mission-abort")
+    assert page.evaluate(PLACES) == places, "the buttons have moved with the name of the state"
+    assert all(is_large(page, button) for button in BUTTONS)
     assert page.inner_text("#mission-refusal") == ""
     page.keyboard.press("p")
     page.wait_for_selector(".q-notification:has-text('Pause does not fit the state of the mission')")
@@ -133,6 +145,12 @@ def results_stay_when_the_run_ends(page: Page, robot: Robot) -> None:
     results.wait_for(state="hidden")
 
 
+def is_large(page: Page, button: str) -> bool:
+    """Whether a finger hits it."""
+    box = page.locator(button).bounding_box()
+    return box is not None and min(box["width"], box["height"]) >= MIN_TARGET_PX
+
+
 def can_press(page: Page, *wanted: str) -> None:
     """Wait until these of the mission's buttons can be pressed, and no others."""
     for button in BUTTONS:
@@ -143,7 +161,14 @@ def states_and_victims_are_listed(page: Page) -> None:
     page.wait_for_selector("#mission-states tr:has-text('LOOK_AROUND'):has-text('all is set')")
     row = page.locator("#mission-victims tbody tr:has-text('confirmed')")
     row.wait_for()
-    assert row.inner_text().split() == ["7", "tag", "7", "confirmed", "4.00", "4.00", "75%", "3"]
+    shown = ["7", "tag", "7", "confirmed", "4.00", "4.00", "75%", "3", "Go", "Show"]
+    assert row.inner_text().split() == shown
+    page.wait_for_function("document.querySelector('.victim-picture').naturalWidth == 2")
+    assert is_large(page, "[aria-label='Go to tag 7']")
+    page.click("[aria-label='Go to tag 7']")  # but this robot cannot navigate
+    page.wait_for_selector(".q-notification:has-text('the way to tag 7')")
+    page.click("[aria-label='Show tag 7 on the map']")
+    page.wait_for_selector("#map-view[data-centre='4.00 4.00']")
 
 
 def panel_fits(page: Page) -> None:

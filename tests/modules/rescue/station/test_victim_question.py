@@ -68,6 +68,7 @@ def test_answer_is_about_the_victim_shown_when_the_button_was_pressed(robot: Rob
         page.wait_for_selector(f"{QUESTION}:has-text('(1 of 2)')")
         page.wait_for_function(COVERS_NO_TILE)
         assert len(page.evaluate(COUNT_QUESTIONS, 2000)) == 1, "the question changes by itself"
+        answer_is_taken_back(page)
         question_under_the_finger_stays(page, robot, tool)
         press_for_the_question_before_does_not_answer_the_next(page, robot, tool)
         question_of_a_silent_robot_shows_its_age(page, tool)
@@ -75,6 +76,18 @@ def test_answer_is_about_the_victim_shown_when_the_button_was_pressed(robot: Rob
 
 def shown(page: Page) -> int:
     return 3 if "tag 3" in page.inner_text(QUESTION) else 8
+
+
+def answer_is_taken_back(page: Page) -> None:
+    """Press the wrong key, and take it back: the robot never hears of it, as what it was told later says."""
+    page.wait_for_selector("#victim-no:enabled")
+    page.keyboard.press("n")
+    page.wait_for_selector("#victim-waiting:has-text('“No” is sent in')")
+    page.keyboard.press("u")
+    page.wait_for_selector("#victim-waiting", state="detached")
+    page.click("#victim-yes")
+    page.click("#victim-undo")
+    page.wait_for_selector("#victim-undo:disabled")
 
 
 def question_under_the_finger_stays(page: Page, robot: Robot, tool: Tool) -> None:

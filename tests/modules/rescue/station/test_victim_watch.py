@@ -1,5 +1,6 @@
 """Victims in a log are events, one for each change of their state; and marks with pictures."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from robbie_mp.station.map.marks import MarkPicture
 from robbie_mp.station.page.log_events import LogEvents
 from robbie_robots.modules.rescue.messages import VictimFound
 from robbie_robots.modules.rescue.station.mission_panel import MissionPanel
+from robbie_robots.modules.rescue.station.victim_list import place_before
 from robbie_robots.modules.rescue.station.victim_watch import KnownVictim, mark_of
 from tests._support.robot import wait_until
 from tests.logs.recording._support.logs import LogFile
@@ -37,6 +39,13 @@ def known(state: int, image: Image, image_count: int = 3) -> KnownVictim:
     pose = Pose(orientation=Quaternion.from_yaw(1.5))
     found = VictimFound(id=7, name="tag 7", state=state, pose=pose, image=image)
     return KnownVictim(found, 0.0, 5, image_count, 0.0, 0.0)
+
+
+def test_robot_that_is_sent_to_a_victim_stands_before_its_wall_and_looks_at_it() -> None:
+    pose = place_before(known(VictimFound.CONFIRMED, Image())).pose
+    way = (pose.position.x, pose.position.y)
+    assert way == pytest.approx((0.6 * math.cos(1.5), 0.6 * math.sin(1.5)))
+    assert pose.orientation.yaw == pytest.approx(1.5 - math.pi)
 
 
 @pytest.mark.parametrize("state", [VictimFound.ASKED, VictimFound.CONFIRMED])
