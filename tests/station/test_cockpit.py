@@ -31,7 +31,18 @@ modules:
 """
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
 BUTTONS = ("#go-on", "#hold", "#take-over")
-MIN_TARGET_PX = 44
+MIN_TARGET_PX = 48
+COVERED = """() => {
+  const note = document.querySelector(".q-notification")?.getBoundingClientRect();
+  const speed = document.querySelector("#camera-display").getBoundingClientRect();
+  if (!note) return null;
+  const is_beside = note.left >= speed.right || note.right <= speed.left;
+  return !is_beside && note.top < speed.bottom && note.bottom > speed.top;
+}"""
+"""Whether a note covers the speed; null: there is no note."""
+KEEP_AWAKE = """Object.defineProperty(navigator, "wakeLock", { value: {
+  request: async (kind) => ((window.kept_on = kind), Object.assign(new EventTarget(), { release() {} })),
+} })"""
 READ = """() => {
   const image = document.querySelector(".camera-picture img"), canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [256, 32]; // on a busy machine the picture may come smaller
@@ -99,9 +110,14 @@ def test_bar_and_its_buttons_stay_at_their_places_in_all_layouts_and_states(
 ) -> None:
     for device in (LAPTOP, PHONE):
         with page_of(started, address_of(cruising), device) as page:
+            page.add_init_script(KEEP_AWAKE)
+            page.reload()
+            page.wait_for_function("window.kept_on === 'screen'")
             places = places_of(page)
             page.click("#hold")
             is_controlled(page, "HOLD", "nobody drives")
+            assert page.wait_for_function(f"() => ({COVERED})() !== null")
+            assert page.evaluate(COVERED) is False
             for number, name in enumerate(("Drive", "Mission", "Engineer", "Tablet"), 1):
                 choose_layout(page, number, name)
                 assert places_of(page) == places
@@ -113,7 +129,7 @@ def test_bar_and_its_buttons_stay_at_their_places_in_all_layouts_and_states(
 def places_of(page: Page) -> list[tuple[float, ...]]:
     """Where bar and buttons are; each can be touched."""
     page.wait_for_selector("#control-bar #control-who:has-text('drive')")
-    boxes = [page.locator(one).bounding_box() for one in ("#control-bar", *BUTTONS)]
+    boxes = [page.locator(one).bounding_box() for one in ("#control-bar", "#emergency-stop", *BUTTONS)]
     assert all(box and min(box["width"], box["height"]) >= MIN_TARGET_PX for box in boxes)
     return [(box["x"], box["y"], box["width"], box["height"]) for box in boxes if box]
 

@@ -32,7 +32,7 @@ modules:
   witness: {class: "zoo.witness:Witness"}
 """
 EXPIRY_S = 0.17
-DEAD_MAN_BUTTON = 5
+DEAD_MAN_BUTTON, SLOW_BUTTON = 5, 4
 ATTEMPTS, BEGIN_LIMIT_S = 10, 5.0
 """To drive: a key has no effect while the page is not in front, or its delay not known; as it should be."""
 BRAKING_M_PER_S2 = 6.0
@@ -88,14 +88,14 @@ def stops(
     assert journal.way_since_last_command_m() <= 0.2 * EXPIRY_S + braking_m + 0.02
 
 
-def hold(page: Page, buttons: list[int]) -> None:
+def hold(page: Page, buttons: list[int], stick: float = 1.0) -> None:
     """Hold these buttons of a gamepad, whose left stick is pushed ahead all the time."""
     page.evaluate(
-        """held => navigator.getGamepads = () => [null, {
-          axes: [0, -1, 0, 0],
+        """([held, stick]) => navigator.getGamepads = () => [null, {
+          axes: [0, -stick, 0, 0],
           buttons: [...Array(17).keys()].map((at) => ({ pressed: held.includes(at) })),
         }]""",
-        buttons,
+        [buttons, stick],
     )
 
 
@@ -115,6 +115,7 @@ def test_robot_stops_when_key_page_or_server_fails_and_the_page_reconnects(
             assert all(row[1] >= 0 for row in journal.rows("command"))
             page.wait_for_selector("#control-who:has-text('you drive')")
             stops(journal, page, lambda: hold(page, []), lambda: hold(page, [DEAD_MAN_BUTTON]))
+            gamepad_has_a_dead_zone_and_a_slow_button(page)
             what_is_held_since_before_does_not_drive(journal, page)
             with page_of(started, address) as other:
                 other.wait_for_selector("#take-over:enabled")
@@ -150,6 +151,17 @@ def let_go_elsewhere(page: Page) -> None:
     page.focus("body > input")
     page.keyboard.up("KeyW")
     page.evaluate("document.querySelector('body > input').remove()")
+
+
+def gamepad_has_a_dead_zone_and_a_slow_button(page: Page) -> None:
+    """A worn stick drives nothing; the left shoulder button leaves a third of the speed."""
+    wish = "window.wished"
+    page.evaluate("addEventListener('robbie-driven', (event) => (window.wished = event.detail.linear))")
+    hold(page, [DEAD_MAN_BUTTON], stick=0.1)
+    page.wait_for_function(f"{wish} === 0")
+    hold(page, [DEAD_MAN_BUTTON, SLOW_BUTTON])
+    page.wait_for_function(f"Math.abs({wish} - 1 / 3) < 0.001")
+    hold(page, [])
 
 
 def what_is_held_since_before_does_not_drive(journal: Journal, page: Page) -> None:

@@ -84,7 +84,7 @@ export default {
       const pad = pads.find((one) => one?.buttons[DEAD_MAN_BUTTON]?.pressed);
       // One that is held while the page opens, or since the operator was taken to have let go, must be let go first.
       this.may_hold_gamepad ||= !pad;
-      return pad && this.may_hold_gamepad ? { linear: -pad.axes[1], angular: -pad.axes[0] } : null;
+      return pad && this.may_hold_gamepad ? by_stick(pad) : null;
     },
     beat() {
       const wish = this.wish();
@@ -124,6 +124,16 @@ const KEYS = {
 };
 const BEAT_MS = 50; // much less than the time for which the station lets a command be valid
 const DEAD_MAN_BUTTON = 5; // the right shoulder button of a standard gamepad (W3C Gamepad API)
+const SLOW_BUTTON = 4; // the left one
+const SLOW_SHARE = 1 / 3;
+const DEAD_ZONE = 0.12; // of a worn stick that nobody touches
+
+// What the left stick of a gamepad asks for.
+function by_stick({ axes, buttons }) {
+  const share = (buttons[SLOW_BUTTON]?.pressed ? SLOW_SHARE : 1) / (1 - DEAD_ZONE);
+  const pushed = (axis) => -Math.sign(axis) * Math.max(0, Math.min(1, Math.abs(axis)) - DEAD_ZONE) * share;
+  return { linear: pushed(axes[1]), angular: pushed(axes[0]) };
+}
 
 // Keys that type a text, choose in a menu or dialog, or move a slider. A menu that closes keeps the focus for a moment.
 const TAKES_KEYS = "input, textarea, [contenteditable], [role=listbox], [role=menu], [role=dialog], .q-menu, .q-dialog";

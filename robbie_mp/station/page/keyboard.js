@@ -40,14 +40,18 @@ export default {
     removeEventListener("robbie-keys", this.on_open);
   },
   methods: {
-    // Emits the keys of the gamepad's buttons that have just gone down; there are no events for them.
+    // Does what the gamepad's buttons are for that have just gone down; there are no events for them.
     look() {
       if (document.visibilityState !== "visible") return void (this.pressed = null);
       const pads = [...(navigator.getGamepads?.() ?? [])];
-      const now = GAMEPAD_BUTTONS.filter((button) => pads.some((pad) => pad?.buttons[button]?.pressed));
+      const now = Object.keys(GAMEPAD_KEYS).filter((button) => pads.some((pad) => pad?.buttons[button]?.pressed));
       for (const button of now)
-        if (this.pressed && !this.pressed.includes(button)) this.$emit("key", { key: `gamepad ${button}`, panel: "" });
+        if (this.pressed && !this.pressed.includes(button)) this.press(GAMEPAD_KEYS[button]);
       this.pressed = now;
+    },
+    press(key) {
+      if (key === STOP) document.getElementById("emergency-stop")?.dispatchEvent(new PointerEvent("pointerdown"));
+      else if (this.keys.some(([name, , is_own]) => name === key && is_own)) this.$emit("key", { key, panel: "" });
     },
   },
 };
@@ -55,8 +59,13 @@ export default {
 const ALWAYS = [
   ["Escape", "Emergency stop"],
   ["W A S D, arrows", "Drive while held"],
+  ["Gamepad: right shoulder", "Held: drive by the left stick; with the left shoulder too, at a third of the speed"],
+  ["Gamepad: B", "Emergency stop"],
+  ["Gamepad: X, Y", "Lights, next camera"],
   ["?", "This list"],
 ];
 const NAMES = { "+": "+", "-": "−", " ": "Space", "gamepad 8": "Gamepad: Back" };
-const GAMEPAD_BUTTONS = [8]; // those that have keys; 8 is Back, Select or Share of a standard gamepad (W3C Gamepad API)
+const STOP = "stop";
+// By the button's number on a standard gamepad (W3C Gamepad API): B, X, Y, and Back, Select or Share.
+const GAMEPAD_KEYS = { 1: STOP, 2: "f", 3: "c", 8: "gamepad 8" };
 const LOOK_MS = 50;
