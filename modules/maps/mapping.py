@@ -16,6 +16,7 @@ from robbie_mp.messages import (
     ControlState,
     LaserScan,
     MapMetaData,
+    MappingState,
     OccupancyGrid,
     Odometry,
     Point,
@@ -42,6 +43,9 @@ MOST_PICTURE_CELLS = 25_000_000
 
 class Mapping(Module):
     """Feeds the mapper every odometry message and every scan, and publishes map and pose.
+
+    How well the robot knows where it is, and what of the map only odometry joins to the rest, goes to
+    `MappingState`.
 
     The pose goes to `map_pose`. While scans do not fit the map, as after a slip of odometry, it goes to
     `map_pose_guess`: do not drive by it.
@@ -154,9 +158,11 @@ class Mapping(Module):
             OccupancyGrid, topic=self.map_topic, latched=True, header=header, info=info, data=cells.size
         ) as grid:
             grid.data[:] = cells.ravel()
+        certainty = self._publish_state(header)
         self.status = (
             f"{self.scans} scans, {self.odometry_messages} odometry, {self.mapper.loops_closed} loops, "
-            f"map {cells.shape[1]}x{cells.shape[0]}"
+            f"map {cells.shape[1]}x{cells.shape[0]}, "
+            f"known to {certainty.spread_m:.2f} m"
         )
         if self.mapper.slips_noticed:
             self.status += f", {self.mapper.slips_noticed} slips"
@@ -167,6 +173,22 @@ class Mapping(Module):
         height, width = self.mapper.known_cells
         if cells.shape != (height, width):
             self.status += f" of {width}x{height}"
+
+    def _publish_state(self, header: Header) -> MappingState:
+        """Say how well the robot knows where it is."""
+        certainty = self.mapper.certainty()
+        variances = np.maximum(np.diag(certainty.covariance), 0.0)
+        state = MappingState(
+            header=header,
+            certain=self.mapper.is_certain,
+            spread_m=math.sqrt(variances[:2].sum()),
+            spread_rad=math.sqrt(variances[2]),
+            covariance=certainty.covariance.ravel(),
+            gaps_open=certainty.gaps_open,
+            share_beyond_gaps=certainty.share_beyond_gaps,
+        )
+        self.publish(state, latched=True)
+        return state
 
     def _on_held(self, _reply: ControlSet) -> None:
         self.must_hold = False

@@ -25,6 +25,7 @@ from robbie_mp.messages import (
     EmergencyStop,
     LaserScan,
     MapAnnotations,
+    MappingState,
     NavigateTo,
     NavigationCancelled,
     NavigationFeedback,
@@ -82,6 +83,10 @@ class Navigation(Module):
         maximum=MAX_VALID_FOR_S,
     )
     max_linear_m_per_s: float = setting(0.5, "maximum forward speed", minimum=0.05, changeable=True)
+    careful_spread_m: float = setting(
+        0.5, "standard deviation of the position above which the robot drives carefully", minimum=0.01
+    )
+    careful_m_per_s: float = setting(0.2, "maximum forward speed of a careful robot", minimum=0.02)
     map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
     scan_topic: str = setting("", "topic of the laser that looks ahead, if there are several; '' for any")
     more_scan_topics: list[str] = setting(
@@ -117,6 +122,7 @@ class Navigation(Module):
         """Subscribe; the first scan creates the navigator."""
         self.navigator: Navigator | None = None
         self.hold = ""
+        self.spread_m = 0.0
         self.laser_pose = np.zeros(3)
         self.mounts: dict[str, NDArray[np.float64]] = {}
         self.grid: OccupancyGrid | None = None
@@ -141,6 +147,7 @@ class Navigation(Module):
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.subscribe(MapAnnotations, self.on_annotations, newest, optional=True)
         self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
+        self.subscribe(MappingState, self.on_mapping_state, newest, optional=True)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose", deadline_s=self.stale_s)
         self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic, deadline_s=self.stale_s)
         for topic in self.more_scan_topics:
@@ -206,6 +213,7 @@ class Navigation(Module):
 
     def on_time_jump(self, jump: TimeJump) -> None:
         """Forget the goal and all obstacles: they are no longer valid."""
+        self.spread_m = 0.0
         active, self.navigator = self.active, None
         self._forget_goal()
         if active is not None:
@@ -235,6 +243,10 @@ class Navigation(Module):
         if self.navigator is not None:
             stamp_s = pose.header.stamp.nanoseconds / 1e9
             self.navigator.see_pose(planar(pose.pose), stamp_s, self._published_s())
+
+    def on_mapping_state(self, state: MappingState) -> None:
+        """Drive carefully while mapping does not know well where the robot is."""
+        self.spread_m = state.spread_m
 
     def on_transforms(self, message: TFMessage) -> None:
         """Take the lasers' mounting poses."""
@@ -292,7 +304,7 @@ class Navigation(Module):
             return
         speeds = self.navigator.drive()
         if speeds is not None:
-            self._command(*speeds)
+            self._command(*self._careful(*speeds))
         if self.navigator.path is not self.path:
             self._publish_path(self.navigator.path)
         if self.navigator.grid is not None and self.navigator.grid is not self.costs_of:
@@ -328,6 +340,15 @@ class Navigation(Module):
         if self.navigator is not None:
             self.show_state(self.navigator.state)
             self.status = self.navigator.status
+            if self.spread_m > self.careful_spread_m:
+                self.status += f" (slowly: the position is known to {self.spread_m:.1f} m only)"
+
+    def _careful(self, linear_m_per_s: float, angular_rad_per_s: float) -> tuple[float, float]:
+        """Return speeds on the same arc that are not too fast for what is known of the robot's position."""
+        if self.spread_m <= self.careful_spread_m or linear_m_per_s <= self.careful_m_per_s:
+            return linear_m_per_s, angular_rad_per_s
+        slower = self.careful_m_per_s / linear_m_per_s
+        return slower * linear_m_per_s, slower * angular_rad_per_s
 
     def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:
         self.publish(

@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 
 from robbie_mp.attached.views.message_text import FieldPath
-from robbie_mp.messages import Costmap, CostmapMetaData, LaserScan, Path, Point, Pose, PoseStamped, Quaternion
+from robbie_mp.messages import (
+    Costmap,
+    CostmapMetaData,
+    LaserScan,
+    MappingState,
+    Path,
+    Point,
+    Pose,
+    PoseStamped,
+    Quaternion,
+    replace,
+)
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.run.trace.entry import Entry
@@ -16,7 +27,7 @@ from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.station.map.goals import checked
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panels import plots
-from robbie_mp.station.panels.map import MAX_PATH_POINTS, cost_cells, way_points
+from robbie_mp.station.panels.map import MAX_PATH_POINTS, cost_cells, doubt_mark, doubts, way_points
 from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
 from robbie_mp.station.watch.topic import nodes_of
 
@@ -99,6 +110,21 @@ def test_long_path_is_thinned_but_keeps_its_end() -> None:
     assert len(points) <= MAX_PATH_POINTS + 1
     assert (points[0], points[-1]) == ([0.0, 0.0], [10.0 * MAX_PATH_POINTS - 1, 0.0])
     assert way_points(Path()) == []
+
+
+def test_doubts_about_the_map_are_drawn_as_an_ellipse_and_said_in_words() -> None:
+    covariance = np.array([[0.04, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.01]]).ravel()
+    known = MappingState(certain=True, spread_m=1.02, spread_rad=0.1, covariance=covariance)
+    half, other_half, direction = doubt_mark(known) or [0.0] * 3
+    assert (half, other_half) == pytest.approx((2.45, 0.49), abs=0.01)
+    assert abs(direction) == pytest.approx(math.pi / 2, abs=0.01)
+    assert doubts(known) == ["known to 1.02 m, 5.7°"]
+    lost = replace(known, certain=False, gaps_open=2, share_beyond_gaps=0.4)
+    assert doubts(lost)[1:] == [
+        "LOST: what the laser sees does not fit the map",
+        "2 gaps are open: only odometry joins 40% of the map to its beginning",
+    ]
+    assert (doubt_mark(None), doubts(None)) == (None, [])
 
 
 def test_costmap_is_drawn_as_cells_and_one_of_a_wrong_size_is_not() -> None:

@@ -23,7 +23,7 @@ from robbie_robots.workers.mapping.occupancy_grid import GrowingGrid
 from robbie_robots.workers.mapping.redundancy import redundant
 from robbie_robots.workers.mapping.scan_matcher import Match
 from robbie_robots.workers.mapping.scan_tracker import ScanTracker
-from robbie_robots.workers.mapping.slip_watch import SlipWatch
+from robbie_robots.workers.mapping.slip_watch import SLIP_DEVIATION, SlipWatch
 from robbie_robots.workers.odometry_track import OdometryTrack, TrackMoment
 from robbie_robots.workers.planar_pose import compose, relative, rotated_information
 from robbie_robots.workers.row_log import RowLog
@@ -59,6 +59,21 @@ class MapperLimits:
     cells: int = 60_000_000
     key_sweeps: int = 4_000
     odometry: int = 400_000
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """How well the robot knows where it is on its map.
+
+    Attributes:
+        covariance: `(3, 3)`, of x (m), y (m) and heading (rad) in the map frame, seen from where it began.
+        gaps_open: Number of parts of the map that only odometry joins to its beginning.
+        share_beyond_gaps: Share of the key sweeps that are in those parts.
+    """
+
+    covariance: NDArray[np.float64]
+    gaps_open: int
+    share_beyond_gaps: float
 
 
 @dataclass(frozen=True)
@@ -224,6 +239,21 @@ class GridMapper:
     def is_certain(self) -> bool:
         """Whether the newest sweep fitted the map. If not, `pose` is only odometry's guess."""
         return not self._slips.lost
+
+    def certainty(self) -> Certainty:
+        """Return how well the robot knows where it is. This takes longer with more key sweeps."""
+        if not len(self._anchors):
+            return Certainty(np.zeros((3, 3)), 0, 0.0)
+        anchor, graph = self._anchors.rows[-1], self._keys.graph
+        turned = graph.poses[0, 2]
+        covariance = rotated_information(graph.covariance_between(0, int(anchor[4])), turned)
+        step = relative(anchor[1:4], self._laser(self._odometry.log.rows[-1, 1:]))
+        deviation = self._tracker.odometry_deviation.over(step)
+        if not self.is_certain:
+            deviation = np.maximum(deviation, SLIP_DEVIATION)
+        covariance += rotated_information(np.diag(deviation**2), self._corrected(anchor)[2])
+        parts = graph.parts()
+        return Certainty(covariance, int(parts.max()), float((parts != parts[0]).mean()))
 
     @property
     def key_sweeps(self) -> int:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.sparse.linalg import splu
 
 from robbie_robots.workers.planar_pose import relative, wrap_angle
@@ -86,8 +86,7 @@ class PoseGraph:
         """
         edges = self._edges()
         ends, lengths = edges.ends, np.hypot(*edges.measured[:, :2].T) + 1e-6
-        weakest = np.minimum(edges.information[:, 0, 0], edges.information[:, 1, 1])
-        deviation_m = np.maximum(weakest, MIN_INFORMATION) ** -0.5
+        deviation_m = edges.deviations_m()
         loose_m = np.where(deviation_m < LOOSE_M, 0.0, DISTANCE_PER_DEVIATION * deviation_m)
         lengths = np.maximum(lengths, loose_m)
         shape = (len(self.poses), len(self.poses))
@@ -120,6 +119,8 @@ class PoseGraph:
 
     def covariance_between(self, base: int, seen: int) -> NDArray[np.float64]:
         """Return how well a pose is known from another one: covariance `(3, 3)`, in the frame of `base`."""
+        if base == seen:
+            return np.zeros((3, 3))
         edges = self._edges()
         factors = self._factors(edges, *self._weighted(edges, DOUBT))
         derivatives = jacobians(self.poses[[base]], self.poses[[seen]])[0]
@@ -128,6 +129,15 @@ class PoseGraph:
         by_poses[3 * seen : 3 * seen + 3] += derivatives[1].T
         covariance: NDArray[np.float64] = by_poses[3:].T @ factors.solve(by_poses[3:])
         return covariance
+
+    def parts(self) -> NDArray[np.int64]:
+        """Return for each pose `(N,)` its part of the map: only loose edges join one part to another."""
+        edges = self._edges()
+        fits = ~edges.doubtful | (edges.squared_errors(self.poses) < DOUBT)
+        firm = edges.ends[fits & (edges.deviations_m() < LOOSE_M)]
+        shape = (len(self.poses), len(self.poses))
+        joined = csr_matrix((np.ones(len(firm)), (firm[:, 0], firm[:, 1])), shape=shape)
+        return connected_components(joined, directed=False)[1].astype(np.int64)
 
     def drop_contradicted(self) -> int:
         """Remove the loops that the other edges contradict. Return how many."""
@@ -189,6 +199,12 @@ class _Edges:
         error = relative(poses[self.ends[:, 0]], poses[self.ends[:, 1]]) - self.measured
         error[:, 2] = wrap_angle(error[:, 2])
         return error
+
+    def deviations_m(self) -> NDArray[np.float64]:
+        """Return the greater standard deviation of each edge, along or across, m."""
+        weakest = np.minimum(self.information[:, 0, 0], self.information[:, 1, 1])
+        deviations: NDArray[np.float64] = np.maximum(weakest, MIN_INFORMATION) ** -0.5
+        return deviations
 
     def squared_errors(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Each edge's squared error, in its own standard deviations."""

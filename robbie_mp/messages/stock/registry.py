@@ -80,6 +80,7 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.MapAnnotated,
             robbie_msgs.MapAnnotationUndone,
             robbie_msgs.MapAnnotations,
+            robbie_msgs.MappingState,
             robbie_msgs.Mark,
             robbie_msgs.ModuleState,
             robbie_msgs.NavigateTo,

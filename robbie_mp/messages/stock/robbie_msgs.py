@@ -1,6 +1,6 @@
 """What Robbie-MP says itself, where ROS has no message for it."""
 
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from robbie_mp.messages.calls import Feedback, Goal, Reply, Request, Result
 from robbie_mp.messages.declaration import Upgrade
@@ -329,6 +329,26 @@ class LocalizationState(Message, name="robbie_msgs/msg/LocalizationState", versi
     def flaw(self) -> Flaw | None:
         """Return a number that is not finite."""
         return beyond(self, MAX_MAGNITUDE, "spread_m", "spread_rad", "agreement")
+
+
+class MappingState(Message, name="robbie_msgs/msg/MappingState", version=1):
+    """How well the robot knows where it is on the map that it makes, and what of the map is in doubt."""
+
+    header: Header = DEFAULT  # frame_id: of the map
+    certain: bool = DEFAULT  # False: scans do not fit the map, and the pose is odometry's guess
+    spread_m: float64 = DEFAULT  # standard deviation of the position, seen from where the map began
+    spread_rad: float64 = DEFAULT  # standard deviation of the heading
+    covariance: Array[float64, Literal[9]] = DEFAULT  # of x, y (m) and heading (rad), row by row
+    gaps_open: uint32 = DEFAULT  # parts of the map that only odometry joins to its beginning
+    share_beyond_gaps: float64 = DEFAULT  # of the map's scans, the share in those parts, 0 … 1
+
+    def flaw(self) -> Flaw | None:
+        """Return a number that is not finite, or a share that is none."""
+        return (
+            beyond(self, MAX_MAGNITUDE, "spread_m", "spread_rad")
+            or elements_beyond(self, MAX_MAGNITUDE, "covariance")
+            or outside(self, 0.0, 1.0, "share_beyond_gaps")
+        )
 
 
 class NavigationFeedback(Feedback, name="robbie_msgs/action/NavigateTo_Feedback", version=1):

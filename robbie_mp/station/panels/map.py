@@ -20,6 +20,7 @@ from robbie_mp.messages import (
     Frontiers,
     LaserScan,
     MapAnnotations,
+    MappingState,
     OccupancyGrid,
     Path,
     PointOfInterest,
@@ -58,6 +59,7 @@ FOLLOWS = {"stay": "Stay", "follow": "Follow", "heading": "Heading up"}
 LAYERS = {
     "scan": "Laser",
     "trail": "Trail",
+    "doubt": "Uncertainty",
     "path": "Path",
     "frontiers": "Frontiers",
     "no_go": "No-go areas",
@@ -75,6 +77,8 @@ COSTS = (
 """Layers of what navigation plans on: each with its colour, and its least and greatest cost."""
 SHOWN_S = 2.0
 """Cells of a hidden layer are sent for this time after a page has said that it shows the layer."""
+DOUBT_DEVIATIONS = 2.45
+"""Standard deviations of an ellipse that holds 95 % of all positions."""
 PLACE_COLOUR = "#3949ab"
 
 
@@ -105,6 +109,7 @@ class MapPanel(Panel):
         messages = station.messages
         self._grid = messages.newest(OccupancyGrid, station.settings.map_topic)
         self._pose = messages.newest(PoseStamped, "map_pose")
+        self._mapping = messages.newest(MappingState)
         self._goal = messages.newest(PoseStamped, "goal")
         self._path = messages.newest(Path, "path")
         self._frontiers = messages.newest(Frontiers)
@@ -287,6 +292,7 @@ class MapPanel(Panel):
             "cell_colours": {layer.title: layer.colour for layer in self._marks.layers},
             "cell_edges": {title: edge_m for title, (_, edge_m, _) in self._cells.items()},
             "robot": planar(self._pose.message),
+            "doubt": doubt_mark(self._mapping.message),
             "goal": planar(self._goal.message),
             "frontiers": frontier_marks(self._frontiers.message),
             "marked": [disc_of(mark) for marks in self._marks.now().values() for mark in marks],
@@ -308,6 +314,7 @@ class MapPanel(Panel):
             if (place := planar(pose)) is not None:
                 x_m, y_m, yaw_rad = place
                 parts.append(f"{name} at {x_m:.2f} m, {y_m:.2f} m, {math.degrees(yaw_rad):.0f}°")
+        parts += doubts(self._mapping.message)
         if path:
             parts.append(f"path of {len(path.poses)} points")
         if self._frontiers.message:
@@ -356,6 +363,30 @@ def frontier_marks(frontiers: Frontiers | None) -> list[list[float]]:
         return []
     marks = zip(frontiers.middles, frontiers.lengths_m.tolist(), strict=False)
     return [[middle.x, middle.y, length_m] for middle, length_m in marks][: Frontiers.MAX_PIECES]
+
+
+def doubt_mark(state: MappingState | None) -> list[float] | None:
+    """Return the ellipse in which the robot is with 95 %: half axes (m), direction of the first (rad)."""
+    if state is None:
+        return None
+    values, vectors = np.linalg.eigh(state.covariance.reshape(3, 3)[:2, :2])
+    half_axes = DOUBT_DEVIATIONS * np.sqrt(np.maximum(values[::-1], 0.0))
+    direction = math.atan2(vectors[1, 1], vectors[0, 1])
+    return [round(number, 3) for number in (*half_axes.tolist(), direction)]
+
+
+def doubts(state: MappingState | None) -> list[str]:
+    """Return in words how well the robot knows where it is, and what of the map is in doubt."""
+    if state is None:
+        return []
+    degrees = math.degrees(state.spread_rad)
+    texts = [f"known to {state.spread_m:.2f} m, {degrees:.1f}°"]
+    if not state.certain:
+        texts.append("LOST: what the laser sees does not fit the map")
+    if state.gaps_open:
+        gaps = "1 gap is open" if state.gaps_open == 1 else f"{state.gaps_open} gaps are open"
+        texts.append(f"{gaps}: only odometry joins {state.share_beyond_gaps:.0%} of the map to its beginning")
+    return texts
 
 
 def disc_of(mark: MapMark) -> dict[str, Any]:

@@ -245,7 +245,7 @@ export default {
       this.turn = this.follows === "heading" ? Math.PI / 2 - robot[2] : 0;
     },
     draw_marks(pen) {
-      const { robot, goal, frontiers, marked, places, others, path, trail, no_go } = this.marks;
+      const { robot, goal, frontiers, marked, places, others, path, trail, no_go, doubt } = this.marks;
       for (const [layer, cells] of this.cells)
         if (this.shows(layer)) {
           const edge_m = this.marks.cell_edges?.[layer];
@@ -267,7 +267,19 @@ export default {
         this.names.push([x, y, name]);
       }
       if (this.shows("marks")) for (const mark of [...places, ...marked]) this.draw_disc(pen, mark);
+      if (robot && doubt && this.shows("doubt")) this.draw_doubt(pen, robot, doubt);
       if (robot) this.draw_arrow(pen, robot, COLOURS.robot);
+    },
+    // The ellipse in which the robot is.
+    draw_doubt(pen, [x, y], [half, other_half, direction]) {
+      pen.beginPath();
+      pen.ellipse(x, y, half, other_half, direction, 0, 2 * Math.PI);
+      pen.globalAlpha = 0.2;
+      pen.fillStyle = pen.strokeStyle = COLOURS.robot;
+      pen.fill();
+      pen.globalAlpha = 1;
+      pen.lineWidth = 1 / this.scale;
+      pen.stroke();
     },
     draw_placing(pen) {
       const press = this.press;

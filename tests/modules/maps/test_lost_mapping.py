@@ -9,6 +9,7 @@ from robbie_mp.messages import (
     ControlSet,
     ControlState,
     LaserScan,
+    MappingState,
     Odometry,
     PoseStamped,
     PoseWithCovariance,
@@ -25,6 +26,10 @@ def test_pose_is_a_guess_while_scans_do_not_fit_the_map(tmp_path: Path) -> None:
         drive(harness, 0, 100)
         assert harness.take(PoseStamped, "map_pose")
         assert not harness.take(PoseStamped, "map_pose_guess")
+        harness.advance(1.0)
+        known = harness.take(MappingState)[-1]
+        assert (known.certain, known.gaps_open, known.share_beyond_gaps) == (True, 0, 0.0)
+        assert 0.0 < known.spread_m < 0.1
         stamp_s, x_m, y_m, heading_rad = DRIVE.odometry[100].tolist()
         for number in range(2):
             stamp = header(stamp_s + 0.2 * number, "odom")
@@ -43,6 +48,11 @@ def test_pose_is_a_guess_while_scans_do_not_fit_the_map(tmp_path: Path) -> None:
                 harness.send(scan)
         assert harness.take(PoseStamped, "map_pose_guess")
         assert not harness.take(PoseStamped, "map_pose")
+        harness.advance(1.0)
+        lost = harness.take(MappingState)[-1]
+        assert not lost.certain
+        assert lost.spread_m > 1.0
+        assert lost.spread_rad > 0.3
 
 
 def test_robot_whose_map_is_lost_holds_before_it_gets_a_pose_on_the_new_one(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from robbie_mp.messages import (
     LaserScan,
     MapAnnotations,
     MapMetaData,
+    MappingState,
     NavigateTo,
     NavigationFeedback,
     NavigationResult,
@@ -157,6 +158,27 @@ class RobotWithTwoLasers(Robot):
             for frame, mount in mounts
         ]
         self.harness.send(TFMessage(transforms=transforms), topic="tf_static")
+
+
+def test_robot_drives_slowly_while_mapping_knows_its_position_badly() -> None:
+    fastest = []
+    with ModuleHarness(Navigation) as harness:
+        robot = Robot(harness)
+        robot.go_on(0.5)
+        harness.send_goal(GOAL)
+        for spread_m in (0.1, 2.0, 0.1):
+            harness.send(MappingState(certain=True, spread_m=spread_m))
+            speeds = []
+            for _ in range(8):
+                before = robot.drive.ground_truth().pose
+                robot.go_on(STEP_S)
+                after = robot.drive.ground_truth().pose
+                speeds.append(math.hypot(after.x_m - before.x_m, after.y_m - before.y_m) / STEP_S)
+            fastest.append(max(speeds[3:]))
+        assert "the position is known" not in harness.module.status
+    assert fastest[0] > 0.3
+    assert fastest[1] < 0.25
+    assert fastest[2] > 0.3
 
 
 TWO_LASERS = {"scan_topic": "scan", "more_scan_topics": ["rear_scan"]}

@@ -107,3 +107,16 @@ def test_graph_restored_from_its_state_continues_identically() -> None:
     graph.optimise()
     copy.optimise()
     assert np.array_equal(graph.poses, copy.poses)
+
+
+def test_part_that_only_a_loose_edge_joins_is_a_part_until_a_loop_joins_it() -> None:
+    graph, firm, loose = PoseGraph(), np.diag([1e4, 1e4, 1e5]), np.diag([1.0, 1.0, 10.0])
+    for number in range(6):
+        graph.add_pose((float(number), 0.0, 0.0))
+        if number:
+            graph.add_edge(number - 1, number, (1, 0, 0), loose if number == 3 else firm)
+    assert graph.parts().tolist() == [0, 0, 0, 1, 1, 1]
+    graph.add_edge(1, 5, (4.0, 3.0, 0), firm, closes_loop=True)
+    assert graph.parts().max() == 1, "a loop that does not fit joins nothing"
+    graph.add_edge(1, 5, (4, 0, 0), firm, closes_loop=True)
+    assert graph.parts().max() == 0
