@@ -23,7 +23,7 @@ modules:
     settings:
       port: 0
       panels: ["robbie_robots.modules.rescue.station.mission_panel:MissionPanel"]
-      tabs: {drive: ""}  # the question is on every tab, even if the panel has none
+      tabs: {drive: "", camera: "", map: ""}  # the question is on every tab, even if the panel has none
   victims: {class: "zoo.two_victims:TwoVictims"}
 """
 QUESTION = "#victim-question"
@@ -33,6 +33,20 @@ COVERS_NO_TILE = """() => {
   return tiles.length && question.bottom <= innerHeight && tiles.every((one) => one.bottom <= question.top);
 }"""
 """Once the grid has made room for the question."""
+WITHIN_REACH = {
+    "#emergency-stop": 48,
+    "#hold": 48,
+    "#tile-camera": 100,
+    "#drive-pad": 100,
+    "#victim-yes": 48,
+    "#victim-undo": 48,
+}
+"""What a telephone shows, and how many pixels wide and high it is at least."""
+IS_WITHIN_REACH = """([part, least]) => {
+  const { left, right, top, bottom, width, height } = document.querySelector(part).getBoundingClientRect();
+  const is_inside = left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight;
+  return is_inside && Math.min(width, height) >= least;
+}"""
 COUNT_QUESTIONS = """(milliseconds) => new Promise((done) => {
   const found = new Set();
   const until = performance.now() + milliseconds;
@@ -69,9 +83,22 @@ def test_answer_is_about_the_victim_shown_when_the_button_was_pressed(robot: Rob
         page.wait_for_function(COVERS_NO_TILE)
         assert len(page.evaluate(COUNT_QUESTIONS, 2000)) == 1, "the question changes by itself"
         answer_is_taken_back(page)
+        telephone_has_all_within_reach(page)
         question_under_the_finger_stays(page, robot, tool)
         press_for_the_question_before_does_not_answer_the_next(page, robot, tool)
         question_of_a_silent_robot_shows_its_age(page, tool)
+
+
+def telephone_has_all_within_reach(page: Page) -> None:
+    """Upright and across, without scrolling."""
+    before = page.viewport_size
+    for width, height in ((390, 844), (844, 390)):
+        page.set_viewport_size({"width": width, "height": height})
+        for part, least_px in WITHIN_REACH.items():
+            page.wait_for_function(IS_WITHIN_REACH, arg=[part, least_px])
+    assert before
+    page.set_viewport_size(before)
+    page.wait_for_function(COVERS_NO_TILE)
 
 
 def shown(page: Page) -> int:
