@@ -35,6 +35,7 @@ def test_map_of_a_world_is_much_better_than_its_odometry(kind: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(120)
-def test_crowd_is_not_taken_for_a_slip() -> None:
-    """Where people stood before walls, a pose 0.7 m off agreed better with the map than the right one."""
-    assert trial("crowd", 1).slips == 0
+@pytest.mark.parametrize("seed", [1, 3])
+def test_crowd_is_not_taken_for_a_slip(seed: int) -> None:
+    """Where people stood before walls, a pose 0.3 or 0.7 m off agreed better with the map."""
+    assert trial("crowd", seed).slips == 0

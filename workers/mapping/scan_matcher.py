@@ -70,9 +70,15 @@ class Match:
 
 
 class ScanMatcher:
-    """Matches sweeps against one set of reference points."""
+    """Matches sweeps against one set of reference points.
 
-    def __init__(self, reference: SurfacePoints) -> None:
+    Args:
+        reference: The points.
+        trust: How much each point of a sweep counts, up to 1.
+    """
+
+    def __init__(self, reference: SurfacePoints, trust: float = MATCH_TRUST) -> None:
+        self._trust = trust
         self._points, self._normals = reference.points, reference.normals
         self._tree = cKDTree(reference.points)
         across = np.einsum("ni,nj->nij", reference.normals, reference.normals) / SURFACE_NOISE_M**2
@@ -128,7 +134,7 @@ class ScanMatcher:
         partners = found & (clutter | (np.einsum("ni,ni->n", normals, facing) > SAME_SIDE))
         stiffness = self._stiffness[nearest]
         squared = np.einsum("ni,nij,nj->n", off, stiffness, off)
-        weight = MATCH_TRUST * partners / (1 + squared)
+        weight = self._trust * partners / (1 + squared)
         stiffness = stiffness * weight[:, None, None]
         # A point's derivative by the pose: the identity by x and y, across its arm by the heading.
         moves = np.zeros((len(points), 2, 3))

@@ -18,6 +18,7 @@ BLUR_M = 0.1
 DEVIATIONS = 3.0  # standard deviations of odometry's noise that the search covers
 LEAST_REACH_M, MOST_REACH_M = 0.25, 1.0
 LEAST_REACH_RAD, MOST_REACH_RAD = 0.1, 0.8
+TRUST = 0.16  # of a sweep's points: less than in a loop, because neighbours share errors, as of people
 DOUBT = 0.01  # subtracted from the score of a fit one standard deviation of odometry away
 
 
@@ -89,5 +90,5 @@ class ScanTracker:
         if self._reference is None:
             surfaces = self._keys.surfaces(self.reference())
             field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, MOST_REACH_M)
-            self._reference = field, ScanMatcher(surfaces)
+            self._reference = field, ScanMatcher(surfaces, TRUST)
         return self._reference

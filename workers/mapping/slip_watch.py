@@ -23,6 +23,7 @@ from robbie_robots.workers.planar_pose import relative, transform_points, wrap_a
 SUSPECT = 0.9  # share of the returns in known space that lie on surfaces, below which a better pose is sought
 DOUBTFUL = 0.7  # the same: a sweep below does not fit
 CLEARLY_BETTER = 0.15  # a pose found elsewhere must agree or overlap by this much more
+FAR_BETTER = 0.3  # the same if only the overlap is suspect, as of a scan of people or of new space
 CONVINCING = 0.5  # least share of the returns on surfaces with which a match overrules odometry
 LEAST_AGREEMENT = 0.85
 MOST_MISSING = 0.1  # share of the map's surfaces around the robot that the sweep looked through
@@ -206,6 +207,7 @@ class SlipWatch:
         if other is not None:
             refined = matcher.refine(hits, other.pose)
             is_same = bool(around.holds(refined.pose[None])[0])
+            is_suspect = is_strained or agreement < SUSPECT
             if not is_same:  # otherwise it converges to the place found, so its own figures count
                 other, agreement = refined, self._agreement(refined, hits, reference)
             better = overlap - other.on_surface.mean()
@@ -214,7 +216,7 @@ class SlipWatch:
                 better = max(better, agrees - agreement)
             # Of a place that hardly overlaps the map, agreement says little: it is a share of few returns.
             agrees_less = other.on_surface.mean() >= CONVINCING and agrees < agreement
-            if agrees_less or better < CLEARLY_BETTER:
+            if agrees_less or better < (CLEARLY_BETTER if is_suspect else FAR_BETTER):
                 return (match, False) if is_strained and not is_same else (None, False)
         best = Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD)
         least = max(LEAST_SCORE, found.score - 2 * RIVAL_WORSE)
