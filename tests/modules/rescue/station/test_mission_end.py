@@ -34,6 +34,7 @@ def test_end_of_a_mission_keeps_the_run_for_manual_drive_and_another_mission(rob
         assert report.value.path().read_bytes().startswith(b"\x89PNG")
         page.click("#close-results")
         page.click("#tab-drive")
+        page.wait_for_selector("#drive-pad")  # a key that is pressed before does not drive
         page.keyboard.down("KeyS")
         page.wait_for_selector("#control-who:text-is('you drive')")
         page.keyboard.up("KeyS")
