@@ -75,7 +75,7 @@ class Ros1Bridge(Module):
     """
 
     period_s = 0.05
-    handler_deadline_s = 2.0
+    handler_deadline_s = 1.2
     follows_run_clock = False
 
     master: str = setting("http://127.0.0.1:11311", "URI of the ROS master")

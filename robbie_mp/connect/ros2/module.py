@@ -113,7 +113,7 @@ class Ros2Bridge(ClockSource):
     """
 
     period_s = 0.02
-    handler_deadline_s = 2.0
+    handler_deadline_s = 1.2
     follows_run_clock = False
 
     middleware: str = setting("zenoh", "what the nodes of ROS 2 use", choices=("zenoh", "dds"))
