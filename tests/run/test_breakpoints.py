@@ -308,7 +308,7 @@ def test_line_that_is_being_typed_gives_way_when_the_module_dies(standing: Robot
             os.write(ours, b"p 1")
             kill(standing.top()["bumper"]["pid"])
             shown = read_until(ours, b"(Pdb) ")
-            assert b"BACKOFF" in shown, shown
+            assert b"bumper is STARTING (start 2)" in shown, shown
             os.write(ours, b"p self.seen + 900\n")
             assert b"9" in read_until(ours, b"\n(Pdb) ").partition(b"\n")[2]
             os.write(ours, b"\x04")

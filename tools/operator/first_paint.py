@@ -5,6 +5,7 @@ time). The page begins with a font of those icons that our sources name, and wit
 that they use, which this compiler has made in Chromium. Needs fontTools and brotli; a robot needs neither.
 """
 
+import argparse
 import base64
 import io
 import re
@@ -44,6 +45,7 @@ COMPILED = "() => [...document.querySelectorAll('style:not([type])')].map((one) 
 
 def main() -> None:
     """Write the files."""
+    argparse.ArgumentParser(prog="python -m tools.operator.first_paint", description=__doc__).parse_args()
     font = load_font(str(STATIC / font_file()), Options())
     names = sorted(named_icons() & ligatures(font).keys())
     icons = base64.b64encode(icons_only(font, names)).decode()
