@@ -231,26 +231,31 @@ def test_publisher_of_another_type_is_named(ros: Ros, caplog: pytest.LogCaptureF
     node.run("other.destroy_node()\nrclpy.shutdown(context=context)")
 
 
-def test_every_stock_type_of_ros_returns_from_a_node_unchanged(ros: Ros) -> None:
-    bridge, node = ros
-    count = itertools.count(1)
-    topics = node.run(ECHO, kinds={topic: one.type_name for topic, one in STOCK.items()})
-    assert len(topics) >= 30
+@pytest.fixture(scope="module")
+def echoed(ros: Ros) -> list[str]:
+    """The topics whose messages the node sends back."""
+    topics: list[str] = ros.node.run(ECHO, kinds={topic: one.type_name for topic, one in STOCK.items()})
+    return topics
+
+
+def test_every_stock_type_of_ros_returns_from_a_node_unchanged(ros: Ros, echoed: list[str]) -> None:
+    bridge, count = ros.bridge, itertools.count(1)
+    assert len(echoed) >= 30
     sent = {
         topic: from_dict(STOCK[topic], filled((Nodetype.NAME, STOCK[topic].type_name), count))
-        for topic in topics
+        for topic in echoed
     }
     wait_until_returned(bridge, sent)
 
 
+@pytest.mark.usefixtures("echoed")
 def test_large_image_and_long_path_return_from_a_node_unchanged(ros: Ros) -> None:
-    bridge, _ = ros
     topics = {one: topic for topic, one in STOCK.items()}
     pixels = np.random.default_rng(1).integers(0, 256, 1920 * 1080 * 3, np.uint8)
     image = Image(height=1080, width=1920, encoding="rgb8", step=5760, data=pixels)
     path = Path(poses=[PoseStamped(header=Header(frame_id="map")) for _ in range(1000)])
     sent: dict[str, Message] = {topics[Image]: image, topics[Path]: path}
-    wait_until_returned(bridge, sent)
+    wait_until_returned(ros.bridge, sent)
 
 
 def asked_of_the_robot(bridge: ModuleHarness[Ros2Bridge]) -> list[Any]:
