@@ -162,7 +162,7 @@ class Mapping(Module):
         self.status = (
             f"{self.scans} scans, {self.odometry_messages} odometry, {self.mapper.loops_closed} loops, "
             f"map {cells.shape[1]}x{cells.shape[0]}, "
-            f"known to {certainty.spread_m:.2f} m"
+            f"position ± {certainty.spread_m:.2f} m"
         )
         if self.mapper.slips_noticed:
             self.status += f", {self.mapper.slips_noticed} slips"
@@ -187,7 +187,7 @@ class Mapping(Module):
             gaps_open=certainty.gaps_open,
             share_beyond_gaps=certainty.share_beyond_gaps,
         )
-        self.publish(state, latched=True)
+        self.publish(state, topic=self.map_topic, latched=True)
         return state
 
     def _on_held(self, _reply: ControlSet) -> None:

@@ -86,7 +86,7 @@ class Navigation(Module):
     careful_spread_m: float = setting(
         0.5, "standard deviation of the position above which the robot drives carefully", minimum=0.01
     )
-    careful_m_per_s: float = setting(0.2, "maximum forward speed of a careful robot", minimum=0.02)
+    careful_m_per_s: float = setting(0.2, "maximum speed while the position is that uncertain", minimum=0.02)
     map_topic: str = setting("", "topic of the map to use, if the robot has several; '' for any")
     scan_topic: str = setting("", "topic of the laser that looks ahead, if there are several; '' for any")
     more_scan_topics: list[str] = setting(
@@ -147,7 +147,7 @@ class Navigation(Module):
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.subscribe(MapAnnotations, self.on_annotations, newest, optional=True)
         self.subscribe(OccupancyGrid, self.on_map, newest, topic=self.map_topic)
-        self.subscribe(MappingState, self.on_mapping_state, newest, optional=True)
+        self.subscribe(MappingState, self.on_mapping_state, newest, topic=self.map_topic, optional=True)
         self.subscribe(PoseStamped, self.on_pose, newest, topic="map_pose", deadline_s=self.stale_s)
         self.subscribe(LaserScan, self.on_scan, newest, topic=self.scan_topic, deadline_s=self.stale_s)
         for topic in self.more_scan_topics:
@@ -245,7 +245,7 @@ class Navigation(Module):
             self.navigator.see_pose(planar(pose.pose), stamp_s, self._published_s())
 
     def on_mapping_state(self, state: MappingState) -> None:
-        """Drive carefully while mapping does not know well where the robot is."""
+        """Take how well mapping knows where the robot is."""
         self.spread_m = state.spread_m
 
     def on_transforms(self, message: TFMessage) -> None:
@@ -341,13 +341,13 @@ class Navigation(Module):
             self.show_state(self.navigator.state)
             self.status = self.navigator.status
             if self.spread_m > self.careful_spread_m:
-                self.status += f" (slowly: the position is known to {self.spread_m:.1f} m only)"
+                self.status += f" (slowly: position ± {self.spread_m:.1f} m)"
 
     def _careful(self, linear_m_per_s: float, angular_rad_per_s: float) -> tuple[float, float]:
-        """Return speeds on the same arc that are not too fast for what is known of the robot's position."""
-        if self.spread_m <= self.careful_spread_m or linear_m_per_s <= self.careful_m_per_s:
+        """Return lower speeds, on the same arc, while the robot's position is uncertain."""
+        if self.spread_m <= self.careful_spread_m or abs(linear_m_per_s) <= self.careful_m_per_s:
             return linear_m_per_s, angular_rad_per_s
-        slower = self.careful_m_per_s / linear_m_per_s
+        slower = self.careful_m_per_s / abs(linear_m_per_s)
         return slower * linear_m_per_s, slower * angular_rad_per_s
 
     def _command(self, linear_m_per_s: float, angular_rad_per_s: float) -> None:

@@ -25,7 +25,7 @@ SOON_S = 0.3
 """A module that steps stands again sooner."""
 
 LOOK_EVERY_S = 0.1
-"""Period of looks, while the user types, whether the module is still there."""
+"""How often to check, while the user types, whether the module is still there."""
 
 MAX_PROMPT = 1 << 14
 """Characters of an unfinished line, which may be the prompt; a longer one is none, and is shown at once."""
@@ -146,7 +146,7 @@ def _typed(terminal: DebugLink, prompt: str) -> str:
 def _interrupted_by(terminal: DebugLink) -> Iterator[None]:
     """Raise `_ModuleGone` within the block when the module says something or goes: nobody has asked it to.
 
-    Python's line editor waits for the keyboard alone, so a signal wakes it, again and again.
+    Python's line editor waits only for the keyboard, so a timer interrupts it regularly.
     """
     is_typing = True
 

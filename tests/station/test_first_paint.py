@@ -3,9 +3,10 @@
 import re
 from pathlib import Path
 
-from robbie_mp.station.page.first_paint import ICON_NAMES, STYLE, are_ours
+from robbie_mp.station.page.first_paint import STYLE, are_ours
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.map import MapPanel
+from tools.operator.first_paint import ICON_NAMES
 
 ROOT = Path(__file__).parents[2]
 NAMED = re.compile(r'\bicon(?:: str)? ?= ?"(\w+)"|ui\.icon\("(\w+)"|set_icon\("(\w+)"')

@@ -118,7 +118,7 @@ def test_doubts_about_the_map_are_drawn_as_an_ellipse_and_said_in_words() -> Non
     half, other_half, direction = doubt_mark(known) or [0.0] * 3
     assert (half, other_half) == pytest.approx((2.45, 0.49), abs=0.01)
     assert abs(direction) == pytest.approx(math.pi / 2, abs=0.01)
-    assert doubts(known) == ["known to 1.02 m, 5.7°"]
+    assert doubts(known) == ["position ± 1.02 m, heading ± 5.7°"]
     lost = replace(known, certain=False, gaps_open=2, share_beyond_gaps=0.4)
     assert doubts(lost)[1:] == [
         "LOST: what the laser sees does not fit the map",

@@ -16,9 +16,11 @@ import nicegui
 from fontTools.subset import Options, Subsetter, load_font
 from fontTools.ttLib import TTFont
 
-from robbie_mp.station.page.first_paint import ICON_NAMES, STYLE
+from robbie_mp.station.page.first_paint import STYLE
 from tools.operator.chromium import chromium
 
+ICON_NAMES = Path(__file__).with_name("first_paint_icons.txt")
+"""The names of the icons in the font, for the tests."""
 STATIC = Path(nicegui.__file__).parent / "static"
 SOURCES = (Path("robbie_mp/station"), Path("modules"))
 LIBRARIES = "gridstack"

@@ -211,7 +211,13 @@ class LoopCloser:
     def _supported(
         self, loop: _Alike, places: int = AGREEING, within_m: float = AGREEING_WITHIN_M
     ) -> list[_Alike]:
-        """Return a loop and those that agree with it, if they are of so many places. Otherwise it waits."""
+        """Return a loop with those that agree with it, once they come from enough places; until then, nothing.
+
+        Args:
+            loop: The new loop, which is kept as evidence for later ones.
+            places: How many places are enough.
+            within_m: Greatest travel between two loops that support each other.
+        """
         travelled = self._keys.travelled_m
         agreeing = [other for other in self._alike if self._agree(other, loop, within_m)]
         if len({travelled[one.new] // PLACE_M for one in (*agreeing, loop)}) < places:

@@ -12,14 +12,14 @@ from robbie_mp.messages.field_types import FieldType, Items, Nested, Numbers, Pr
 from robbie_mp.messages.message import fields_of, nested
 
 TIME, SEQUENCE = "time_ns", "sequence"
-"""The columns of what is no field; fields of these names become `message.time_ns` and `message.sequence`."""
+"""The first two columns. A field of the same name becomes `message.time_ns` or `message.sequence`."""
 GROUP_BYTES, MAX_ROWS = 1 << 25, 1 << 16
-"""A row group ends when its messages have so many bytes, or it has so many rows: all of it is in memory."""
+"""A row group is written once it reaches either limit. Until then, its messages are in memory."""
 UNIT = "unit"
-"""The key of a column's unit in its metadata."""
+"""The key under which a column's metadata has its unit."""
 Values = list[Any]
 Column = tuple[str, str, FieldType, Callable[[Values], Values]]
-"""Name, the name of its field in Python, its type, and what gets its values from messages."""
+"""The column's name, its field's name in Python and type, and a function that gets its values from messages."""
 
 
 class NotParquet(LogError, ImportError):
@@ -31,10 +31,10 @@ class NotParquet(LogError, ImportError):
 
 
 class ParquetLibrary:
-    """Apache Arrow's library.
+    """Converts fields to arrays of Apache Arrow.
 
     Raises:
-        NotParquet: it is not installed.
+        NotParquet: Apache Arrow is not installed.
     """
 
     def __init__(self) -> None:
@@ -64,7 +64,7 @@ class ParquetLibrary:
                 return arrow.list_(self.kind(kind.element))
 
     def array(self, kind: FieldType, values: Values) -> Any:
-        """Return values of a type of field as an array of Arrow."""
+        """Return the values of a field, one for each message, as an Arrow array."""
         arrow, made = self.arrow, self.kind(kind)
         if isinstance(kind, Nested):
             return self._structures(kind, values)
@@ -82,7 +82,7 @@ class ParquetLibrary:
         return arrow.ListArray.from_arrays(_offsets(values), inside)
 
     def _structures(self, kind: Nested, values: Values) -> Any:
-        """Return messages inside messages."""
+        """Return nested messages as an Arrow array of structures."""
         fields, made = fields_of(kind.message), self.kind(kind)
         if not fields:
             return self.arrow.nulls(len(values))
@@ -91,12 +91,12 @@ class ParquetLibrary:
 
 
 def _offsets(values: Values) -> "np.ndarray[Any, Any]":
-    """Return where each list begins among the elements of all, and the end."""
+    """Return the index of each list's first element in the joined lists, and their total length."""
     return np.cumsum([0, *map(len, values)]).astype(np.int32)
 
 
 class ParquetTable:
-    """Writes the messages of a type as rows: time, sequence, and a column for each field.
+    """Writes messages of one type as rows: time, sequence number, and a column for each field.
 
     Messages inside messages become columns of dotted names, such as `header.stamp.sec`; lists of messages are
     lists of structures, and sequences of bytes are binary. Use it in a `with` statement.
@@ -129,7 +129,7 @@ class ParquetTable:
         self._bytes = 0
 
     def add(self, time_ns: int, sequence: int, message: Message, message_bytes: int) -> None:
-        """Add a message of so many bytes."""
+        """Add a message, whose encoding has `message_bytes` bytes."""
         self._rows.append((time_ns, sequence, message))
         self._bytes += message_bytes
         if self._bytes >= GROUP_BYTES or len(self._rows) == MAX_ROWS:
@@ -146,7 +146,7 @@ class ParquetTable:
                 self._write_group()
             self._writer.close()
         finally:
-            self._writer.is_open = False  # or it would try again when it is collected
+            self._writer.is_open = False  # after a failure, its destructor would close it again
 
     def _write_group(self) -> None:
         times, sequences, messages = map(list, zip(*self._rows, strict=True))
@@ -160,7 +160,7 @@ class ParquetTable:
 def _columns(
     kind: FieldType, name: str, field: str, values: Callable[[Iterable[Any]], Values]
 ) -> Iterable[Column]:
-    """Yield the columns of a field, as `Column`."""
+    """Yield the columns that a field becomes: one, or for a nested message those of its fields."""
     if not isinstance(kind, Nested):
         yield name, field, kind, values
         return

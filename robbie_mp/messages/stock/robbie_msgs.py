@@ -343,9 +343,9 @@ class MappingState(Message, name="robbie_msgs/msg/MappingState", version=1):
     share_beyond_gaps: float64 = DEFAULT  # of the map's scans, the share in those parts, 0 … 1
 
     def flaw(self) -> Flaw | None:
-        """Return a number that is not finite, or a share that is none."""
+        """Return a number that is not finite, a negative deviation, or a share outside 0 to 1."""
         return (
-            beyond(self, MAX_MAGNITUDE, "spread_m", "spread_rad")
+            outside(self, 0.0, MAX_MAGNITUDE, "spread_m", "spread_rad")
             or elements_beyond(self, MAX_MAGNITUDE, "covariance")
             or outside(self, 0.0, 1.0, "share_beyond_gaps")
         )

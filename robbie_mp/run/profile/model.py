@@ -107,6 +107,7 @@ class QueueLimits:
 
 
 HANDLER_DEADLINE_S = 10.0
+"""The deadline of a module for which neither its profile nor its class sets one."""
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ export default {
     removeEventListener("robbie-keys", this.on_open);
   },
   methods: {
-    // Does what the gamepad's buttons are for that have just gone down; there are no events for them.
+    // Acts on gamepad buttons that have just gone down; browsers send no events for them.
     look() {
       if (document.visibilityState !== "visible") return void (this.pressed = null);
       const pads = [...(navigator.getGamepads?.() ?? [])];

@@ -109,7 +109,7 @@ class MapPanel(Panel):
         messages = station.messages
         self._grid = messages.newest(OccupancyGrid, station.settings.map_topic)
         self._pose = messages.newest(PoseStamped, "map_pose")
-        self._mapping = messages.newest(MappingState)
+        self._mapping = messages.newest(MappingState, station.settings.map_topic)
         self._goal = messages.newest(PoseStamped, "goal")
         self._path = messages.newest(Path, "path")
         self._frontiers = messages.newest(Frontiers)
@@ -380,7 +380,7 @@ def doubts(state: MappingState | None) -> list[str]:
     if state is None:
         return []
     degrees = math.degrees(state.spread_rad)
-    texts = [f"known to {state.spread_m:.2f} m, {degrees:.1f}°"]
+    texts = [f"position ± {state.spread_m:.2f} m, heading ± {degrees:.1f}°"]
     if not state.certain:
         texts.append("LOST: what the laser sees does not fit the map")
     if state.gaps_open:

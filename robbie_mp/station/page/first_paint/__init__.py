@@ -1,4 +1,4 @@
-"""What the page needs before all else: the icons and styles that our own panels use, in one small file.
+"""What the page loads first: the icons and styles that our own panels use, in one small file.
 
 NiceGUI's own font of icons and its compiler of styles are 200 kB, and take a second of the browser. They
 come after the first picture, and only to a page that has panels from elsewhere, which may use any of them.
@@ -17,8 +17,6 @@ from nicegui import app
 HERE = Path(__file__).parent
 STYLE = HERE / "first_paint.css"
 """Written by `tools.operator.first_paint`."""
-ICON_NAMES = HERE / "icons.txt"
-"""Names of the icons in it, for the tests."""
 OUR_PACKAGES = ("robbie_mp", "robbie_robots")
 YEAR_S = 31_536_000
 BEGIN = HERE / "first_picture.js"
