@@ -211,7 +211,7 @@ class LoopCloser:
     def _supported(
         self, loop: _Alike, places: int = AGREEING, within_m: float = AGREEING_WITHIN_M
     ) -> list[_Alike]:
-        """Return a loop with those that agree with it, once they come from enough places; until then, nothing.
+        """Return a loop with those that agree with it, once they come from enough places; else nothing.
 
         Args:
             loop: The new loop, which is kept as evidence for later ones.

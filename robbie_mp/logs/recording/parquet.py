@@ -19,7 +19,7 @@ UNIT = "unit"
 """The key under which a column's metadata has its unit."""
 Values = list[Any]
 Column = tuple[str, str, FieldType, Callable[[Values], Values]]
-"""The column's name, its field's name in Python and type, and a function that gets its values from messages."""
+"""The column's name, its field's name in Python and type, and what gets its values from messages."""
 
 
 class NotParquet(LogError, ImportError):
