@@ -36,6 +36,8 @@ from robbie_mp.messages.units import units
 Made = TypeVar("Made")
 ARRAYS_SUFFIX = ".arrays"
 """Of the folder beside a table, in which its arrays are."""
+MAX_TIME_NS = (1 << 63) - 1
+"""The latest time that an int64 can have; a damaged or foreign log may claim a later one."""
 MAX_TRAJECTORIES = 200
 """Pairs of frames of a channel, each with a file that is open."""
 
@@ -136,7 +138,7 @@ def new_files(folder: Path) -> Iterator[NewFiles]:
 
 
 class Rows:
-    """The messages of a channel: time in ns, sequence, message. Those that cannot be decoded are left out.
+    """The messages of a channel: time in ns, sequence, message. Those that cannot be written are left out.
 
     Args:
         log: the log.
@@ -172,6 +174,9 @@ class Rows:
     def __iter__(self) -> Iterator[tuple[int, int, Message]]:
         for logged in islice(self._log.messages(channels=[self.channel]), self._most):
             self._progress()
+            if logged.time_ns > MAX_TIME_NS:
+                self.balance.leave_out(f"messages of {self.name} whose time is after the year 2262")
+                continue
             try:
                 message = self.message_type.decode(logged.data)
             except DecodeError:

@@ -198,3 +198,15 @@ def test_failed_export_leaves_no_folder_that_it_made() -> None:
         log.add_bytes(log.channel("team_msgs/msg/Odd", "wstring x", 1, "odd", ""), b"", 1)
     assert main(["export", "a.mcap", "deep/in/it", "--strict"]) == 1
     assert not Path("deep").exists()
+
+
+@pytest.mark.parametrize("form", [[], ["--npz"], ["--parquet"]], ids=" ".join)
+def test_message_of_an_impossible_time_is_left_out(
+    form: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with LogFile(Path("a.mcap")) as log:
+        for time_ns in (1 << 63, 7):
+            log.add(scan(1), "it", time_ns=time_ns)
+    assert main(["export", "a.mcap", "out", *form]) == 1
+    told = capsys.readouterr()
+    assert "whose time is after the year 2262" in told.err and "1 used, 1 left out" in told.out

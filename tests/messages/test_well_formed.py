@@ -21,6 +21,7 @@ from robbie_mp.messages import (
     JointState,
     LaserScan,
     MapMetaData,
+    MappingState,
     Message,
     NavSatFix,
     NavSatStatus,
@@ -79,6 +80,7 @@ def picture(encoding: str = "rgb8", step: int = 6, size: int = 12) -> Image:
 
 
 ILL_FORMED = [
+    (MappingState(spread_m=-0.1), "spread_m"),
     (Header(stamp=Time(nanosec=1_000_000_000)), "stamp.nanosec"),
     (PoseStamped(pose=at(NAN)), "pose.position.x"),
     (PoseStamped(pose=at(1e12)), "pose.position.x"),

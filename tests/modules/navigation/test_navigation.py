@@ -181,6 +181,12 @@ def test_robot_drives_slowly_while_mapping_knows_its_position_badly() -> None:
     assert fastest[2] > 0.3
 
 
+def test_careful_robot_is_slow_in_reverse_too() -> None:
+    with ModuleHarness(Navigation) as harness:
+        harness.send(MappingState(certain=True, spread_m=2.0))
+        assert harness.module._careful(-0.5, 0.5) == pytest.approx((-0.2, 0.2))
+
+
 TWO_LASERS = {"scan_topic": "scan", "more_scan_topics": ["rear_scan"]}
 
 
