@@ -79,7 +79,7 @@ class BlackBox(MessageLogger):
     large_every_s: float = setting(0.5, "time between those that are kept of a topic", minimum=0.0)
     jpeg_quality: int = setting(75, "of images kept as JPEG; 0: as they are", minimum=0, maximum=95)
     spool_s: float = setting(
-        0.0, "time within which small messages are on the disk, for a power cut; 0: never", minimum=0.0
+        5.0, "time within which small messages are on the disk, for a power cut; 0: never", minimum=0.0
     )
     spool_bytes: int = setting(8 << 20, "disk space for these messages", minimum=1 << 18)
     triggers: list[str] = setting([], "further triggers, such as battery.percentage < 0.1")

@@ -4,6 +4,7 @@ import json
 import random
 import re
 import signal
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -56,22 +57,38 @@ def account(log: str) -> list[int]:
     return [int(number) for number in found[-1]] if found else [0, 0, 0]
 
 
-def test_every_trigger_has_its_clip_while_core_logger_and_black_box_are_killed(robot: Robot) -> None:
-    chance = random.Random(38)
-    marks_only = PROFILE.replace(', triggers: ["battery.percentage < 0.1"]', "")
-    process = start(robot, marks_only.replace("black_box:", LOGGER))
-    wait_until(lambda: box(robot)["state"] == "RUNNING" and box(robot)["handled"] > 100)
+def kill_and_mark(
+    robot: Robot, names: list[str], chance: random.Random
+) -> tuple[Counter[str], list[str], list[str]]:
+    """Kill and mark, again and again; return who was killed, and the marks that were confirmed or not."""
+    killed: Counter[str] = Counter()
     marks: list[str] = []
     unconfirmed: list[str] = []
-    killed = dict.fromkeys(["core", "black_box", "logger", "victim"], 0)
     for number in range(KILLS):
-        name = chance.choice(list(killed))
-        pid = robot.until(lambda m: m[name]["state"] == "RUNNING")[name]["pid"]  # noqa: B023
-        kill(pid)
+        name = chance.choice(names)
+        kill(robot.until(lambda m: m[name]["state"] == "RUNNING")[name]["pid"])  # noqa: B023
         killed[name] += 1
         ended = robot.command("mark", f"number {number}")
         (marks if ended.returncode == 0 else unconfirmed).append(f"mark: number {number}")
-    robot.until(lambda m: all(m[name]["state"] == "RUNNING" for name in killed))
+    return killed, marks, unconfirmed
+
+
+def assert_clips_are_sound(robot: Robot) -> None:
+    for clip in all_clips(robot):
+        with open_log(clip.folder) as log:
+            assert log.message_count
+            sequences = [message.sequence for message in log.messages()]
+            assert sequences == sorted(set(sequences))  # nothing twice, nothing out of order
+
+
+def test_every_trigger_has_its_clip_while_core_logger_and_black_box_are_killed(robot: Robot) -> None:
+    names = ["core", "black_box", "logger", "victim"]
+    process = start(
+        robot, PROFILE.replace(', triggers: ["battery.percentage < 0.1"]', "").replace("black_box:", LOGGER)
+    )
+    wait_until(lambda: box(robot)["state"] == "RUNNING" and box(robot)["handled"] > 100)
+    killed, marks, unconfirmed = kill_and_mark(robot, names, random.Random(38))
+    robot.until(lambda m: all(m[name]["state"] == "RUNNING" for name in names))
     process.send_signal(signal.SIGINT)
     Ended.wait_for(process)
     found = triggers_in(robot)
@@ -80,16 +97,25 @@ def test_every_trigger_has_its_clip_while_core_logger_and_black_box_are_killed(r
     assert not [mark for mark in marks if mark not in found] or missed
     lost = [mark for mark in (*marks, *unconfirmed) if mark not in found]
     assert len(lost) <= missed, (lost, robot.log("black_box")[-2000:])
-    for name, times in killed.items():
-        if times:
-            assert any(text.startswith(f"{name} ended: killed by SIGKILL") for text in found) or missed, name
-    for clip in all_clips(robot):
-        with open_log(clip.folder) as log:
-            assert log.message_count
-            sequences = [message.sequence for message in log.messages()]
-            assert sequences == sorted(set(sequences))  # nothing twice, nothing out of order
-    print([line for line in robot.log("black_box").splitlines() if "with a clip on the disk" in line][-1:])
-    print(f"{killed} kills, {len(marks)} marks, {unconfirmed}, {total} triggers, {missed} missed")
+    for name in killed:
+        assert any(text.startswith(f"{name} ended: killed by SIGKILL") for text in found) or missed, name
+    assert_clips_are_sound(robot)
+    print(f"{dict(killed)} kills, {len(marks)} marks, {unconfirmed}, {total} triggers, {missed} missed")
+
+
+def test_supervisor_killed_after_others_and_amid_a_flood_owes_no_confirmed_mark(robot: Robot) -> None:
+    process = start(robot, FLOOD.replace("black_box:", LOGGER), MODULES + FLOODING)
+    wait_until(lambda: box(robot)["state"] == "RUNNING" and box(robot)["handled"] > 1000)
+    killed, marks, unconfirmed = kill_and_mark(robot, ["core", "black_box", "logger"], random.Random(39))
+    kill(process.pid)
+    process.wait(60)
+    wait_until(lambda: not robot.top())
+    told = robot.command("clean").stderr
+    found = triggers_in(robot)
+    assert "the supervisor was killed" in found, told
+    assert [mark for mark in marks if mark not in found] == [], told
+    assert_clips_are_sound(robot)
+    print(f"{dict(killed)} kills, {len(marks)} marks, {unconfirmed} not confirmed")
 
 
 def test_supervisor_killed_while_triggers_come_owes_no_clip(robot: Robot) -> None:
