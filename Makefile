@@ -17,7 +17,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # What the installation compiles: a change of it, or of what is installed, installs again.
 INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/bus/_hot/*.[ch])
 
-.PHONY: demo team test test-all test-slow test-alone test-exhaustive test-pure test-arm64 ros lint types docs bench clean
+.PHONY: demo team test test-all test-slow test-alone test-exhaustive test-pure test-arm64 wheels ros lint types docs bench clean
 
 demo: .venv/robot
 	$(ROBBIE) run demo
@@ -46,8 +46,8 @@ test-exhaustive: .venv/dev
 test-pure: .venv/dev
 	ROBBIE_PURE_PYTHON=1 $(PYTEST) -q -m 'not slow' $(PARALLEL) tests/bus/core tests/messages tests/bus/transport
 
-# The tests of the hot path and of messages on an emulated ARM machine: see tools/arm64/run.
-test-arm64:
+# The wheel, a robot and the tests of the hot path and of messages with an emulated ARM processor: see tools/arm64/run.
+test-arm64: .venv/wheels
 	tools/arm64/run
 
 lint: .venv/dev
@@ -63,6 +63,13 @@ types: .venv/dev
 # The docs site, in site/: links and docstrings are checked, and a warning is an error.
 docs: .venv/docs
 	NO_MKDOCS_2_WARNING=1 .venv/bin/python -m mkdocs build --strict
+
+# The files of a release in dist/: make wheels PYTHONS='python3.10 python3.11'
+PYTHONS ?= $(PYTHON)
+wheels: .venv/wheels
+	rm -rf dist
+	.venv/bin/python setup.py -q sdist
+	.venv/bin/python -m tools.wheels dist/*.tar.gz $(PYTHONS)
 
 bench: .venv/bench
 	.venv/bin/python -m tools.bench --json docs/benchmarks.json --report docs
@@ -102,6 +109,10 @@ ros: .venv/ros-jazzy/done .venv/ros-kilted/done
 	$(PIP_INSTALL) -e '.[robot,bench]'
 	touch $@
 
+.venv/wheels: .venv/dev
+	$(PIP_INSTALL) -e '.[wheels]'
+	touch $@
+
 clean:
-	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis output build site *.egg-info
+	rm -rf dist .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis output build site *.egg-info
 	rm -f robbie_mp/bus/_hot/*.so

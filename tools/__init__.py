@@ -6,7 +6,8 @@
 - kill_campaign, link, operator, ros1, standstill: what remains promised while processes die and networks fail
 - fuzz: hostile modules and damaged bytes
 - docs, pictures: what makes the website, its generated page and its pictures
-- arm64: the tests on an emulated ARM machine
+- arm64: the wheel and the tests with an emulated ARM processor
+- wheels.py: the wheels of a release
 
 `test_network` and `loop_disk.py` make hosts with a bad network, and a disk that can be frozen, also for
 tests; `robot.py` starts a robot under test.

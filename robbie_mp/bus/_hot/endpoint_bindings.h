@@ -2,9 +2,9 @@
 #ifndef ROBBIE_ENDPOINT_BINDINGS_H
 #define ROBBIE_ENDPOINT_BINDINGS_H
 
+#include "native.h"
 #include "endpoint.h"
 #include "lock_bindings.h"
-#include "native.h"
 #include "ring_bindings.h"
 #include "wakeup.h"
 

@@ -2,8 +2,8 @@
 #ifndef ROBBIE_HISTORY_BINDINGS_H
 #define ROBBIE_HISTORY_BINDINGS_H
 
-#include "layout.h"
 #include "native.h"
+#include "layout.h"
 #include <stdbool.h>
 
 enum { HISTORY_VALUES = 4 };

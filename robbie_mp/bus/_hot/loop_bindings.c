@@ -1,9 +1,9 @@
 /* The Python types Loop and TickTimes: what robbie_mp/module/loop.py and ticks.py leave to C. */
+#include "subscriber_bindings.h"
+#include "wakeup_bindings.h"
 #include "clock.h"
 #include "figures.h"
 #include "layout.h"
-#include "subscriber_bindings.h"
-#include "wakeup_bindings.h"
 #include <math.h>
 #include <structmember.h>
 

@@ -1,4 +1,5 @@
-/* What the files with Python bindings share. */
+/* What the files with Python bindings share. It comes first in them: Python.h, before any header of the C library,
+ * chooses the POSIX that those headers show. */
 #ifndef ROBBIE_NATIVE_H
 #define ROBBIE_NATIVE_H
 

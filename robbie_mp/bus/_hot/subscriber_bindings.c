@@ -1,11 +1,11 @@
 /* The Python type Subscriber: what robbie_mp/module/inbox.py leaves to C. */
-#include "clock.h"
+#include "subscriber_bindings.h"
 #include "endpoint_bindings.h"
-#include "figures.h"
 #include "history_bindings.h"
 #include "message_codec.h"
 #include "pin_bindings.h"
-#include "subscriber_bindings.h"
+#include "clock.h"
+#include "figures.h"
 #include <structmember.h>
 
 /* Where a Subscription of subscriptions.py has these. */

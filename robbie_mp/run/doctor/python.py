@@ -12,7 +12,7 @@ from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import preflight
 
 OLDEST = (3, 10)
-FOR_DEVELOPERS = ("dev", "docs", "bench", "fuzz")
+FOR_DEVELOPERS = ("dev", "docs", "bench", "fuzz", "wheels")
 """Extras for those who work on Robbie-MP itself."""
 
 
