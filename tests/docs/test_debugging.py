@@ -39,6 +39,11 @@ def commands(mark: str) -> list[list[str]]:
     return [line.split()[1:] for line in block(PAGE, mark).splitlines()]
 
 
+def run_test(robot: Robot, *words: str) -> int:
+    command = [sys.executable, "-m", *words]
+    return subprocess.run(command, cwd=robot.folder, capture_output=True, check=False).returncode
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_walk_through_leads_from_a_crash_to_a_test_that_fails(robot: Robot) -> None:
@@ -66,11 +71,12 @@ def test_walk_through_leads_from_a_crash_to_a_test_that_fails(robot: Robot) -> N
     assert written.returncode == 0, written
     test = robot.folder / "tests" / "test_warner.py"
     assert block(PAGE, "written").rpartition("harness.send(")[0] in test.read_text()
-    test_command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(test)]
-    assert subprocess.run(test_command, cwd=robot.folder, capture_output=True, check=False).returncode == 1
+    assert run_test(robot, "pytest", str(test)) == 1
+    assert run_test(robot, "unittest") == 1
     code = robot.folder / "warner.py"
     code.write_text(fixed(code.read_text()))
-    assert subprocess.run(test_command, cwd=robot.folder, capture_output=True, check=False).returncode == 0
+    assert run_test(robot, "pytest", str(test)) == 0
+    assert run_test(robot, "unittest") == 0
     assert robot.command(*commands("replay")[0]).stdout.count("no crash") == 1
 
 

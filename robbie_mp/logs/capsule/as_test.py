@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as replaced
@@ -142,14 +143,22 @@ def write_test(capsule: Capsule, workspace: Path, path: Path, limit_s: float) ->
         return 1
     text = source(scene, acts, wanted)
     compile(text, str(path), "exec")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    _make_folder(path.parent)
     write_private(path, text)
     kept, count = (sum(one.message is not None for one in some) for some in (acts, whole))
     print(
         f"{path}: {kept} of {count} messages are left, after {scene.attempts} attempts; "
         f"it crashes with {wanted}"
     )
+    print(f"run it, with unittest or pytest: python3 -m unittest {shlex.quote(str(path))}")
     return 0
+
+
+def _make_folder(folder: Path) -> None:
+    """Make the folder for the test; a new one as a package, or `python3 -m unittest` does not look into it."""
+    if not folder.exists():
+        folder.mkdir(parents=True)
+        (folder / "__init__.py").touch()
 
 
 def _shortened(scene: Scene, acts: Sequence[Act], wanted: Crash) -> list[Act] | None:
@@ -345,34 +354,41 @@ def source(scene: Scene, acts: Sequence[Act], wanted: Crash) -> str:
     limit, guard = _guards(start, wanted, imports)
     seed = []
     if scene.seeded:
-        seed = [f"    random.seed({start.seed})", f"    np.random.seed({start.seed})"]
+        seed = [f"random.seed({start.seed})", f"np.random.seed({start.seed})"]
         imports.numpy = True
-    standard = [f"import {one}" for one in ["faulthandler"] * bool(guard) + ["random"] * scene.seeded]
-    standard += [""] * bool(standard)
-    name = re.sub(
-        r"\W+", "_", f"{start.module}_does_not_crash_with_{_snake(wanted.what or wanted.kind)}".lower()
-    )
+    standard = ["faulthandler"] * bool(guard) + ["random"] * scene.seeded + ["unittest"]
+    name = re.sub(r"\W+", "_", f"does_not_crash_with_{_snake(wanted.what or wanted.kind)}".lower())
     report = scene.capsule.report
+    test = [
+        *seed,
+        *guard,
+        f"with {limit}ModuleHarness({', '.join(arguments)}) as harness:",
+        *(f"    {line}" for line in body or ["pass"]),
+    ]
     lines = [
         f'"""What ended {start.module}, from {scene.capsule.path.name}: {report.reason}."""',
         "",
-        *standard,
+        *(f"import {one}" for one in standard),
+        "",
         *imports.lines(),
         "",
         "",
-        f"def test_{name}() -> None:",
-        *seed,
-        *guard,
-        f"    with {limit}ModuleHarness({', '.join(arguments)}) as harness:",
-        *(f"        {line}" for line in body or ["pass"]),
+        f"class {_case(start.module)}(unittest.TestCase):",
+        f"    def test_{name}(self) -> None:",
+        *(f"        {line}" for line in test),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _case(module: str) -> str:
+    """Return a name for the class of the test: both unittest and pytest find its methods."""
+    return "".join(word.capitalize() for word in re.split(r"[\W_]+", module)) + "CrashTest"
 
 
 def _guards(start: StartForm, wanted: Crash, imports: "Imports") -> tuple[str, list[str]]:
     """Return what makes the test end: a limit of memory, and lines that end a hang."""
     if wanted.kind == HANG:
-        return "", [f"    faulthandler.dump_traceback_later({HANG_S:g}, exit=True)"]
+        return "", [f"faulthandler.dump_traceback_later({HANG_S:g}, exit=True)"]
     if wanted.what == "MemoryError" and start.more_bytes is not None:
         return f"{imports.add(limited_address_space)}({start.more_bytes:_}), ", []
     return "", []

@@ -103,12 +103,13 @@ def replay(robot: Robot, kind: Kind, capsule: Path) -> Outcome:
     test = file.read_text()
     left = re.search(r"(\d+) of \d+ messages", written.stdout)
     messages = int(left[1]) if left else len(MESSAGE.findall(test))
-    return Outcome(kind.name, crashed, replayed, lines, messages, fails(robot.folder, kind), test)
+    all_fail = all(fails(robot.folder, kind, runner) for runner in ("pytest", "unittest"))
+    return Outcome(kind.name, crashed, replayed, lines, messages, all_fail, test)
 
 
-def fails(folder: Path, kind: Kind) -> bool:
-    """Whether the written test fails because of the same crash."""
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_crash.py"]
+def fails(folder: Path, kind: Kind, runner: str) -> bool:
+    """Whether the written test fails because of the same crash, with this runner of tests."""
+    command = [sys.executable, "-m", runner, "tests/test_crash.py"]
     environment = {**os.environ, **FEW_PLUGINS}
     try:
         done = subprocess.run(
@@ -117,7 +118,7 @@ def fails(folder: Path, kind: Kind) -> bool:
     except subprocess.TimeoutExpired:
         return kind.error == "hung"
     words = [kind.error, kind.error.replace("exit code", "SystemExit:")]
-    is_same = any(word in done.stdout for word in words) or done.returncode not in (0, 1)
+    is_same = any(word in done.stdout + done.stderr for word in words) or done.returncode not in (0, 1)
     return done.returncode != 0 and is_same
 
 
