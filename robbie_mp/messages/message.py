@@ -351,7 +351,8 @@ def check_message_type(value: object, verb: str) -> None:
     if isinstance(value, Message):
         got = f"a message; give its class: {type(value).__name__}"
     elif isinstance(value, str):
-        got = f"{value!r:.60}; import the class, or use {verb}_encoded"
+        encoded = ", or use subscribe_encoded" if verb == "subscribe" else ""
+        got = f"{value!r:.60}; import the class{encoded}"
     else:
         got = f"{reprlib.repr(value)}"
     raise NotAMessage(f"{verb} wants a class of messages, such as LaserScan; got {got}")

@@ -43,6 +43,11 @@ def is_span(time_s: Any) -> bool:
     return is_number and bool(0 < time_s <= AGES_S)
 
 
+def is_duration(time_s: Any) -> bool:
+    """Whether something is a time that may pass: a number from 0, at most `AGES_S`."""
+    return is_span(time_s) or (isinstance(time_s, Real) and bool(time_s == 0))
+
+
 class SystemClock:
     """The machine's own time."""
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
 from types import TracebackType
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from typing_extensions import Self
@@ -41,14 +41,15 @@ from robbie_mp.messages.calls import (
     reply_type,
 )
 from robbie_mp.messages.encoded import check_encapsulation, check_type
-from robbie_mp.messages.errors import MessageError
+from robbie_mp.messages.errors import MessageError, NotAMessage
 from robbie_mp.messages.message import check_message, check_message_type
 from robbie_mp.messages.well_formed import check_well_formed
 from robbie_mp.module.bus import CopyingBus, PublishAfterStop
 from robbie_mp.module.calls.client import GOAL_ENDS
 from robbie_mp.module.calls.errors import CallError, CallRefused
 from robbie_mp.module.calls.peers import Server, service_topic
-from robbie_mp.module.clock import ManualClock
+from robbie_mp.module.class_check import check_class
+from robbie_mp.module.clock import ManualClock, is_duration
 from robbie_mp.module.envelope import EncodedMessage, Envelope, MessageType
 from robbie_mp.module.lent_memory import CopiedLoans, freeze_named_arrays
 from robbie_mp.module.loop import ModuleLoop
@@ -66,6 +67,14 @@ SERVER = "server"
 """Names of the modules that call the module under test, and that serve it."""
 CALL_LOOK_S = 0.2
 """Time within which a module notices what became of a server."""
+
+
+class NotEntered(RobbieError, RuntimeError):
+    """A test uses a harness without a `with` block, so `setup()` has not run."""
+
+
+class InvalidAdvance(RobbieError, ValueError):
+    """A test moves the time by something that is no time, or back."""
 
 
 class Published(NamedTuple):
@@ -111,8 +120,12 @@ class ModuleHarness(Generic[ModuleClass]):
         clock: the module's clock; it stands still except in `advance`.
 
     Raises:
+        InvalidClass: the class has mistakes, as `robbie run` reports them before it starts.
         SettingError: a setting is wrong.
     """
+
+    checks_class: ClassVar[bool] = True
+    """Whether mistakes of the class are looked for."""
 
     def __init__(
         self,
@@ -127,6 +140,9 @@ class ModuleHarness(Generic[ModuleClass]):
         namespace: str = "",
         folder: Path | None = None,
     ):
+        if self.checks_class:
+            check_class(module_class)
+        self._is_entered = False
         self.clock = self.make_clock()
         self.bus = self.make_bus(name, Wiring(topics, namespace))
         self._checkpoints = HarnessCheckpoints(restored, int(checkpoint_lost))
@@ -164,6 +180,7 @@ class ModuleHarness(Generic[ModuleClass]):
         Raises:
             InvalidPeriod: the module's `period_s` is not positive, or it has a `tick()` but no period.
         """
+        self._is_entered = True
         self._loop.set_up()
         self._loop.begin()
         return self
@@ -187,6 +204,7 @@ class ModuleHarness(Generic[ModuleClass]):
         Raises:
             NotAMessage: something else is sent.
             NotSubscribed: the module does not subscribe to such messages now.
+            NotEntered: the harness is used without `with`.
         """
         check_message(message, "send")
         self.send_encoded(message.type_name, message.version, message.encode(), topic=topic, sender=sender)
@@ -214,7 +232,10 @@ class ModuleHarness(Generic[ModuleClass]):
         Raises:
             CallRefused: the module refused it.
             LookupError: the module does not serve such requests.
+            NotAMessage, DeclarationError: this is no request.
         """
+        check_message(request, "call")
+        replies: type[ReplyType] = reply_type(type(request))
         self._last_call += 1
         before = len(self.bus.published)
         self._send(replace(request, call=self._last_call), topic=service_topic(topic), sender=CLIENT)
@@ -223,7 +244,6 @@ class ModuleHarness(Generic[ModuleClass]):
             if isinstance(message, CallRefusal) and message.call == self._last_call:
                 self.bus.published.remove(entry)
                 raise CallRefused(message.reason)
-            replies: type[ReplyType] = reply_type(type(request))
             if isinstance(message, replies) and message.call == self._last_call:
                 self.bus.published.remove(entry)
                 return message
@@ -235,7 +255,12 @@ class ModuleHarness(Generic[ModuleClass]):
         Args:
             goal: the goal, which you have taken with `take`.
             feedback: the feedback.
+
+        Raises:
+            NotAMessage: they are no goal and no feedback.
         """
+        check_call(goal, "feed_back")
+        check_call(feedback, "feed_back")
         self._send(replace(feedback, call=goal.call), topic=self.module.name, sender=SERVER)
 
     def end_goal(self, goal: Goal[Any, ResultType], end: ResultType | CallError) -> None:
@@ -244,12 +269,17 @@ class ModuleHarness(Generic[ModuleClass]):
         Args:
             goal: the goal, which you have taken with `take`.
             end: its result; or `GoalAborted`, `GoalCancelled` or `GoalPreempted` with a reason.
+
+        Raises:
+            NotAMessage: this is no goal, or its end is no result.
         """
+        check_call(goal, "end_goal")
         message: Message
         if isinstance(end, CallError):
             outcome = next(one for one, kind in GOAL_ENDS.items() if isinstance(end, kind))
             message = GoalEnd(call=goal.call, outcome=outcome, reason=str(end))
         else:
+            check_call(end, "end_goal")
             message = replace(end, call=goal.call)
         self._send(message, topic=self.module.name, sender=SERVER)
 
@@ -265,7 +295,11 @@ class ModuleHarness(Generic[ModuleClass]):
 
         Returns:
             The goal as it was sent, for `cancel_goal`.
+
+        Raises:
+            NotAMessage: this is no goal.
         """
+        check_call(goal, "send_goal")
         self._last_call += 1
         sent = replace(goal, call=self._last_call)
         self._send(sent, topic=service_topic(topic), sender=client)
@@ -278,7 +312,11 @@ class ModuleHarness(Generic[ModuleClass]):
             goal: the goal that `send_goal` returned.
             reason: in plain words.
             client: the name of the module that sent it.
+
+        Raises:
+            NotAMessage: this is no goal.
         """
+        check_call(goal, "cancel_goal")
         self._send(GoalCancel(call=goal.call, reason=reason), topic=self.module.name, sender=client)
 
     def reply(self, request: Request[ReplyType], reply: ReplyType) -> None:
@@ -290,7 +328,12 @@ class ModuleHarness(Generic[ModuleClass]):
         Args:
             request: the request.
             reply: the reply.
+
+        Raises:
+            NotAMessage: they are no request and no reply.
         """
+        check_call(request, "reply")
+        check_call(reply, "reply")
         self._send(replace(reply, call=request.call), topic=self.module.name, sender=SERVER)
 
     def refuse(self, request: Request[Any], reason: str) -> None:
@@ -299,7 +342,11 @@ class ModuleHarness(Generic[ModuleClass]):
         Args:
             request: the request.
             reason: what the server says.
+
+        Raises:
+            NotAMessage: this is no request.
         """
+        check_call(request, "refuse")
         self._send(CallRefusal(call=request.call, reason=reason), topic=self.module.name, sender=SERVER)
 
     def kill_server(self) -> None:
@@ -329,7 +376,9 @@ class ModuleHarness(Generic[ModuleClass]):
 
         Raises:
             NotSubscribed: the module does not subscribe to such messages now.
+            NotEntered: the harness is used without `with`.
         """
+        self._check_entered()
         is_taken = self.bus.deliver(ChannelName(type_name, version, topic), data, sender)
         self._loop.run_calls()
         while self.bus.handle_next():
@@ -347,7 +396,9 @@ class ModuleHarness(Generic[ModuleClass]):
         Raises:
             NotChangeable: the module has no changeable setting of this name.
             SettingError: the value does not fit, or the module refuses it.
+            NotEntered: the harness is used without `with`.
         """
+        self._check_entered()
         self._changes.change(name, value)
 
     def advance(self, seconds: float) -> None:
@@ -355,12 +406,28 @@ class ModuleHarness(Generic[ModuleClass]):
 
         Args:
             seconds: how far.
+
+        Raises:
+            InvalidAdvance: this is no time, or a negative one.
+            NotEntered: the harness is used without `with`.
         """
+        self._check_entered()
+        if not is_duration(seconds):
+            raise InvalidAdvance(
+                f"advance({seconds!r}): give a time from 0 to 1e9, in s; it does not go back"
+            )
         end_ns = self.bus.end_ns = self.clock.monotonic_ns() + round(seconds * 1e9)
         self.bus.is_over = False
         while not (self.bus.is_over or self._loop.ends):
             self._loop.turn()
         self.clock.advance(max(0, end_ns - self.clock.monotonic_ns()) / 1e9)
+
+    def _check_entered(self) -> None:
+        if not self._is_entered:
+            name = type(self.module).__name__
+            raise NotEntered(
+                f"setup() has not run; write `with ModuleHarness({name}) as harness:`, and use it there"
+            )
 
     @property
     def checkpoint(self) -> Any:
@@ -386,7 +453,11 @@ class ModuleHarness(Generic[ModuleClass]):
 
         Returns:
             The newest message of the type on the topic, None if the module has not published any as latched.
+
+        Raises:
+            NotAMessage: this is no class of messages.
         """
+        check_message_type(message_type, "latched")
         data = self.bus.latched.get(ChannelName(message_type.type_name, message_type.version, topic))
         return None if data is None else message_type.decode(data)
 
@@ -399,7 +470,12 @@ class ModuleHarness(Generic[ModuleClass]):
 
         Returns:
             The messages, in the order of publishing.
+
+        Raises:
+            NotAMessage: this is no class of messages.
         """
+        if message_type is not Message:
+            check_message_type(message_type, "take")
         taken: list[MessageType] = []
         kept: list[Published] = []
         for entry in self.bus.published:
@@ -409,6 +485,22 @@ class ModuleHarness(Generic[ModuleClass]):
                 kept.append(entry)
         self.bus.published[:] = kept
         return taken
+
+
+def check_call(message: object, verb: str) -> None:
+    """Check that a test gives a message that belongs to a call.
+
+    Args:
+        message: what should be one.
+        verb: the method of the harness.
+
+    Raises:
+        NotAMessage: it is something else.
+    """
+    check_message(message, verb)
+    if not hasattr(message, "call"):
+        name = type(message).__name__
+        raise NotAMessage(f"{verb} wants a message of a call, such as a request, reply or goal; got a {name}")
 
 
 class HarnessPeers:

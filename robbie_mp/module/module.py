@@ -809,6 +809,14 @@ class Module:
         self.stop_requested = True
 
 
+def period_flaw(cls: type, period_s: object) -> str:
+    """Return what to write in place of a time between ticks that is none."""
+    return (
+        f"{cls.__name__}.period_s is {period_s!r}; it must be greater than 0, at most 1e9, in s, or "
+        "None for a module that only reacts to messages"
+    )
+
+
 def check_period(module: Module) -> None:
     """Check `period_s` after `setup()`.
 
@@ -818,10 +826,7 @@ def check_period(module: Module) -> None:
     cls = type(module)
     period_s = module.period_s
     if period_s is not None and not is_span(period_s):
-        raise InvalidPeriod(
-            f"{cls.__name__}.period_s is {period_s}; it must be greater than 0, at most 1e9, or None "
-            "for a module that only reacts to messages"
-        )
+        raise InvalidPeriod(period_flaw(cls, period_s))
     own = [module, *(base for base in cls.__mro__ if base is not Module)]
     is_set = any("period_s" in vars(one) for one in own if one is not object)
     if cls.tick is not Module.tick and not is_set:

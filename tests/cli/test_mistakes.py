@@ -138,6 +138,28 @@ CODE = {
         "class M(Module):\n    def setup(self, robot): pass",
         "6: setup is called with no argument; write `def setup(self)`",
     ),
+    "text_as_period": (
+        "class M(Module):\n    def tick(self): pass\n    period_s = '20ms'",
+        "7: M.period_s is '20ms'; it must be greater than 0, at most 1e9, in s, or None for a module that",
+    ),
+    "topic_first": (
+        "class M(Module):\n    period_s = 0.1\n    def tick(self): self.publish('scan', LaserScan())",
+        "7: publish: write self.publish(LaserScan(), topic='scan')",
+    ),
+    "topic_second": (
+        "class M(Module):\n    def setup(self): self.subscribe(LaserScan, 'scan', self.on_scan)\n"
+        "    def on_scan(self, scan): pass",
+        "6: subscribe: write self.subscribe(LaserScan, self.on_scan, topic='scan')",
+    ),
+    "too_many": (
+        "class M(Module):\n    period_s = 0.1\n    def tick(self): self.publish(LaserScan(), 1, latched=1)",
+        "7: publish: too many positional arguments; write self.publish(message, topic=…, latched=…)",
+    ),
+    "unknown_word": (
+        "class M(Module):\n    def setup(self): self.every(period=1.0, action=self.steer)\n"
+        "    def steer(self): pass",
+        "6: every: missing a required argument: 'period_s'; write self.every(period_s, action)",
+    ),
     "timer": (
         "class M(Module):\n    def setup(self): self.every(0.1, self.steer)\n    def steer(self, dt): pass",
         "6: every: steer is called with no argument; write `def steer(self)`",

@@ -77,7 +77,7 @@ def test_test_is_written_that_crashes_likewise(
     text = (workspace / test).read_text()
     assert all(line in text for line in lines), text
     assert text.count("harness.send(") <= 5, text
-    for runner, said in {"pytest": "1 failed", "unittest": "FAILED (errors=1)"}.items():
+    for runner, said in {"pytest": "1 failed", "unittest": "FAILED ("}.items():
         command = [sys.executable, "-m", runner, test]
         ran = subprocess.run(command, cwd=workspace, check=False, capture_output=True, text=True)
         assert ran.returncode == 1, ran.stdout

@@ -155,7 +155,7 @@ def write_test(capsule: Capsule, workspace: Path, path: Path, limit_s: float) ->
 
 
 def _make_folder(folder: Path) -> None:
-    """Make the folder for the test; a new one as a package, or `python3 -m unittest` does not look into it."""
+    """Make the folder for the test, as a package: `python3 -m unittest` looks into no other."""
     if not folder.exists():
         folder.mkdir(parents=True)
         (folder / "__init__.py").touch()

@@ -115,6 +115,8 @@ class Shadow(ModuleHarness[Module]):
         connection: where its frames go.
     """
 
+    checks_class = False  # it does what it does in a robot, which has checked it
+
     def __init__(self, module_class: type[Module], begin: Begin, start: Start, connection: socket.socket):
         self._start = start
         self._connection = connection

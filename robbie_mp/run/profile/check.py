@@ -19,9 +19,10 @@ from typing import Any, TextIO, TypeVar
 from robbie_mp.base.linux.prctl import die_with_parent
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages.descriptions import TypeDescription, own_types
+from robbie_mp.module.class_check import CodeFlaw, class_flaws
 from robbie_mp.module.clock import AGES_S
 from robbie_mp.module.settings import SettingError, examine_settings
-from robbie_mp.run.profile.code_check import CodeFlaw, class_flaws, import_flaw, type_flaws
+from robbie_mp.run.profile.code_check import import_flaw, type_flaws
 from robbie_mp.run.variant import put_first
 
 Class = TypeVar("Class")

@@ -2,7 +2,8 @@
 
 A separate process (`robbie_mp.run.profile.check`) imports the classes, so that their code cannot harm the
 caller. A missing class or a wrong setting is an error of the profile, and so is code that is wrong wherever
-it runs, such as a syntax error or a handler that cannot be called (`code_check.py`). A run is not started
+it runs, such as a syntax error or a handler that cannot be called (`code_check.py`,
+`robbie_mp.module.class_check`). A run is not started
 either if a module cannot import something, such as a library that is not installed, unless the module is
 `optional`. Other code that raises, hangs or crashes is no error here: the supervisor starts it, and shows it
 as FAILED with its traceback.
