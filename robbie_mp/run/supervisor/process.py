@@ -138,6 +138,11 @@ class ChildProcess:
             return ExitStatus(code=ended.si_status, cpu_s=cpu_s)
         return ExitStatus(signal=ended.si_status, cpu_s=cpu_s)
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a signal such as SIGSTOP has stopped it."""
+        return os.waitid(P_PIDFD, self.pidfd, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+
     def terminate(self) -> None:
         """Send SIGTERM; also continue a stopped process, which could not handle it otherwise."""
         self.send_signal(signal.SIGTERM)

@@ -8,12 +8,13 @@ from enum import Enum, auto
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.proc import is_traced, read_wait_channel
+from robbie_mp.bus.transport.layout import Activity
 from robbie_mp.run.profile.model import HANDLER_DEADLINE_S
 from robbie_mp.run.supervisor.child_spec import ChildKind, ChildSpec
 from robbie_mp.run.supervisor.crash import CrashWatch
 from robbie_mp.run.supervisor.deadlines import HangWatch, RunQueueTime
 from robbie_mp.run.supervisor.event_loop import EventLoop
-from robbie_mp.run.supervisor.incarnations import Incarnations
+from robbie_mp.run.supervisor.incarnations import Doing, Incarnations
 from robbie_mp.run.supervisor.leftovers import Leftovers, kill_child_leftovers
 from robbie_mp.run.supervisor.output import ChildOutput
 from robbie_mp.run.supervisor.process import ChildProcess, ExitStatus
@@ -30,6 +31,8 @@ DUMP_S = 0.5
 """From the request for a stack dump to SIGKILL; a stopped process does not respond."""
 UNKILLABLE_AFTER_S = 5.0
 """A process that has not ended this long after SIGKILL hangs in the kernel: in disk access or a driver."""
+STOPPED = Doing(Activity.IDLE, -1, -1)
+"""A child has no work, but a signal has stopped it, so it would do none either."""
 
 
 class Then(Enum):
@@ -334,12 +337,18 @@ class SupervisedChild:
         if self._then is not None or self._process is None or self._run_queue is None:
             return  # in an ordered stop, the grace period is the deadline
         doing = None if self.is_debugged else self._incarnations.doing(self.spec.name, self.incarnation)
+        if doing is None and self._process.is_stopped:
+            doing = STOPPED
         hung_s = self._hang_watch.hung_for_s(doing, now_s, self._run_queue)
         if hung_s is not None and doing is not None and self._is_held():
             self._hang_watch.hung_for_s(None, now_s, self._run_queue)  # it has the whole time again
         elif hung_s is not None and doing is not None:
-            what = self._incarnations.describe(self.spec.name, self.incarnation, doing)
-            self.abort(f"{what} for {hung_s:.1f} s")
+            self.abort(f"{self._describe(doing)} for {hung_s:.1f} s")
+
+    def _describe(self, doing: Doing) -> str:
+        if doing == STOPPED:
+            return "stopped by a signal such as SIGSTOP"
+        return self._incarnations.describe(self.spec.name, self.incarnation, doing)
 
     def _is_held(self, would_count: bool = True) -> bool:
         """Whether a module is held by a debugger, of whatever kind.

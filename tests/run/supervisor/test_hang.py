@@ -57,6 +57,15 @@ def test_hung_child_that_dumps_nothing_is_killed_soon(
     assert "s: killed by SIGKILL" in run.last("mute").reason
 
 
+def test_child_without_work_that_a_signal_has_stopped_is_restarted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervised_child, "DUMP_S", 0.05)
+    run = Run(tmp_path, animal(zoo.stops_itself, "idle", handler_deadline_s=0.05, restart=NEVER))
+    assert run.play() == 1
+    assert run.last("idle").reason.startswith("stopped by a signal such as SIGSTOP for 0.")
+
+
 def test_hung_child_is_restarted_even_long_after_its_dump(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -71,7 +71,8 @@ def set_up(outcome: RescueResult, case: Case) -> Setup:
     file.write_text(generate_arena(case.seed, replace(WISHES, appearing=case.options.appearing)))
     arena = read_arena(file)
     outcome.victims = len(arena.victims)
-    return Setup(file, partial(judge, outcome, arena))
+    # The profile of the page goes on after its mission, and this would wait for its end.
+    return Setup(file, partial(judge, outcome, arena), settings=["mission.goes_on=false"])
 
 
 def judge(outcome: RescueResult, arena: Arena, output: Path) -> None:
