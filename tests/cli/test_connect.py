@@ -27,6 +27,7 @@ def test_a_laptop_finds_a_robot_and_sees_what_it_sends(robot: Robot) -> None:
     wait_until(lambda: any(peer.is_up for state in [pair.state("red")] if state for peer in state.peers))
 
 
+@pytest.mark.slow
 def test_a_robot_must_have_another_name_than_this_side(robot: Robot) -> None:
     ended = robot.command("connect", "red", "--as", "red")
     assert ended.returncode == 2
@@ -34,6 +35,7 @@ def test_a_robot_must_have_another_name_than_this_side(robot: Robot) -> None:
     assert "cannot be called" in robot.command("connect", "red/blue").stderr
 
 
+@pytest.mark.slow
 def test_keys_and_encrypted_addresses_belong_together(robot: Robot, tmp_path: Path) -> None:
     ended = robot.command("list", "--remote", "--at", "tls/127.0.0.1:9")
     assert ended.returncode == 2
@@ -43,6 +45,7 @@ def test_keys_and_encrypted_addresses_belong_together(robot: Robot, tmp_path: Pa
     assert "robbie keys new" in robot.command("list", "--remote", "--at", "tls/127.0.0.1:9", *keys).stderr
 
 
+@pytest.mark.slow
 def test_no_robot_is_listed_where_none_is(robot: Robot) -> None:
     ended = robot.command("list", "--remote", "--at", "tcp/127.0.0.1:9")
     assert ended.stdout == "no robot can be reached at tcp/127.0.0.1:9\n"

@@ -52,6 +52,8 @@ class Foreign(Module):
 """
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_end_of_a_run_says_what_was_achieved_and_accounts_for_every_message(robot: Robot) -> None:
     (robot.folder / "search.py").write_text(MODULES)
     robot.write_profile(

@@ -114,6 +114,7 @@ def test_saved_code_is_reloaded_and_stops_at_its_breakpoint(robot: Robot) -> Non
     assert robot.top()["warner"]["restarts"] == 1
 
 
+@pytest.mark.slow
 def test_profile_for_an_editor_is_valid(robot: Robot) -> None:
     (robot.folder / "warner.py").write_text(block(PAGE, "module"))
     (robot.folder / "laser.py").write_text(LASER)

@@ -7,6 +7,7 @@ from robbie_robots.hw.emulation.faults import Faults
 from tests.hw._support.stamps import LATE, STAMP_S, SUBJECTS, stamp_errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SUBJECTS)
 def test_stamps_are_within_a_millisecond(name: str) -> None:
     errors = stamp_errors(SUBJECTS[name], 2.0 if name == "UTM-30LX" else 8.0, seed=1)

@@ -258,6 +258,7 @@ def said_by_playback(robot: Robot) -> str:
     return (robot.output / "log" / "playback.jsonl").read_text()
 
 
+@pytest.mark.slow
 def test_playback_says_what_it_left_out_and_where_time_jumped(player_robot: Robot, tmp_path: Path) -> None:
     ended = Ended.wait_for(start(player_robot, foreign_log(tmp_path / "log.mcap"), "--rate", "max"))
     assert ended.exit_code == 1

@@ -158,6 +158,7 @@ def test_field_names_need_not_be_interned() -> None:
     assert (made.linear_m_per_s, made.angular_rad_per_s) == (1.0, 2.0)
 
 
+@pytest.mark.slow
 @given(st.data())
 @settings(PATIENT, max_examples=200)
 def test_messages_are_encoded_alike(data: st.DataObject) -> None:

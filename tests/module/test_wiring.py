@@ -206,6 +206,8 @@ class Talker(Journal):
 """
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_two_modules_with_different_names_are_connected_by_the_profile(robot: Robot) -> None:
     (robot.folder / "zoo" / "wired.py").write_text(HEARER)
     robot.write_profile(RENAMED("shared"))

@@ -147,6 +147,8 @@ def test_laser_that_was_never_plugged_in_is_told_everywhere(
     assert doctor.returncode == 1
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_run_in_which_a_module_never_came_up_fails(robot: Robot) -> None:
     robot.write_profile(
         """
@@ -164,6 +166,8 @@ modules:
     assert "broken never came up: " in robot.log("supervisor")
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_run_that_ends_while_a_module_starts_for_the_first_time_has_not_failed(robot: Robot) -> None:
     (robot.folder / "zoo" / "late.py").write_text(
         "import time\n\nfrom robbie_mp import Module\n\n\n"

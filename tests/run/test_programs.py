@@ -204,6 +204,8 @@ def test_an_essential_program_that_fails_ends_the_run(robot: Robot) -> None:
     assert "exit code 3" in ended.stdout + ended.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_a_profile_has_a_class_or_a_program(robot: Robot) -> None:
     robot.write_profile('modules:\n  driver: {program: ["true"], class: "zoo.modules:Tunable"}\n')
     checked = robot.command("run", "robot")

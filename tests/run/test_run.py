@@ -50,6 +50,8 @@ def test_run_ends_with_success_when_its_task_is_done(robot: Robot) -> None:
     assert ended.modules["listener"]["cpu_s"] > 0
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_every_module_and_the_core_are_separate_processes(robot: Robot) -> None:
     robot.write_profile(ENDLESS)
     process = robot.start()
@@ -158,6 +160,8 @@ def test_run_whose_files_are_removed_ends_with_the_reason(robot: Robot, removed:
     assert not list(SHARED_MEMORY.glob(f"*robbie-{run.run_id}*"))
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 @pytest.mark.skipif(why_not() != "", reason=f"NOT TESTED: {why_not()}")
 def test_core_and_modules_run_in_c_where_it_is_built(robot: Robot) -> None:
     robot.write_profile(COUNTING)
@@ -167,6 +171,8 @@ def test_core_and_modules_run_in_c_where_it_is_built(robot: Robot) -> None:
     assert [(entry.kind, entry.text) for entry in said] == [(Kind.SYSTEM, "the hot path runs in C")]
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_array_seen_by_publisher_and_two_subscribers_is_one_piece_of_memory(robot: Robot) -> None:
     robot.write_profile(
         """
@@ -304,6 +310,8 @@ def test_crashed_module_is_restarted_although_one_of_its_threads_still_runs(robo
     assert "RuntimeError: crashed beside a thread" in ended.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_impossible_period_is_a_clear_error(robot: Robot) -> None:
     robot.write_profile('modules:\n  clock: {class: "zoo.modules:NeverTicks", restart: {policy: never}}\n')
     ended = robot.run()
@@ -311,6 +319,8 @@ def test_impossible_period_is_a_clear_error(robot: Robot) -> None:
     assert "NeverTicks.period_s is 0.0; it must be greater than 0" in ended.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_message_that_can_never_fit_is_a_clear_error(robot: Robot) -> None:
     robot.write_profile(
         """
@@ -327,6 +337,8 @@ modules:
     assert "raise memory.limit_bytes in the profile" in ended.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_field_of_the_wrong_type_is_a_clear_error(robot: Robot) -> None:
     robot.write_profile('modules:\n  driver: {class: "zoo.modules:WrongField", restart: {policy: never}}\n')
     ended = robot.run()
@@ -397,6 +409,8 @@ def test_list_shows_also_a_run_of_another_version(robot: Robot) -> None:
     assert "another version" in " ".join(robot.command("list").stdout.split())
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_terminated_run_leaves_no_name_behind(robot: Robot) -> None:
     robot.write_profile(ENDLESS)
     process = robot.start()
@@ -484,6 +498,8 @@ def test_service_manager_is_told_when_all_run_and_that_the_supervisor_lives(
         assert Ended.wait_for(process).exit_code == 0
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_results_are_private(robot: Robot) -> None:
     robot.write_profile("modules: {writer: {class: zoo.modules:Writer, ends_run: true}}")
     ended = robot.run()
@@ -502,6 +518,8 @@ def test_folder_for_results_that_others_can_write_to_is_refused(robot: Robot) ->
     assert not (robot.folder / "precious.txt").exists()
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_module_that_closes_or_replaces_its_streams_ends_in_order(robot: Robot) -> None:
     """It was killed at its deadline if it left a thread running, and results were said to be missing."""
     ways = {

@@ -95,6 +95,7 @@ def test_secret_in_clear_text_is_refused_and_not_repeated(keeper: Robot, command
     assert "Traceback" not in refused.stderr
 
 
+@pytest.mark.slow
 def test_secret_in_clear_text_in_a_profile_is_refused_and_not_repeated(keeper: Robot) -> None:
     keeper.write_profile(PROFILE.replace("file:keeper.secret", SECRET))
     refused = keeper.command("run", "robot")

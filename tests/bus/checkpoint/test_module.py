@@ -142,6 +142,8 @@ def test_module_whose_checkpoints_are_all_gone_is_told_that_its_state_is_lost(ro
     assert "none is left" in robot.log("keeper")
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_module_that_wrote_over_its_count_of_checkpoints_goes_on(robot: Robot) -> None:
     """It ended by a ValueError at its next checkpoint."""
     (robot.folder / "keeper.py").write_text(KEEPER)

@@ -1,5 +1,6 @@
 """A module writes anything anywhere into its own segment: the core faults it, and nobody else notices."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -37,6 +38,8 @@ STEP = st.one_of(
 )
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 @settings(max_examples=200, deadline=None)
 @given(st.lists(STEP, max_size=40), st.booleans())
 def test_garbage_of_one_module_harms_nobody_else(

@@ -52,6 +52,8 @@ def latch_counts(run: SimulatedRun) -> dict[str, int]:
     raise AssertionError("no channel is latched")
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_late_subscriber_gets_the_newest_message_once() -> None:
     run = SimulatedRun()
     publisher, [channel] = publisher_of(run, "map")

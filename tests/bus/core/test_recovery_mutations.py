@@ -140,6 +140,8 @@ def test_broken_keeping_of_latched_messages_is_noticed(
             play(outlive_the_publisher, LATCHED_SETTINGS[0], (death,))
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 @pytest.mark.parametrize("mutation", MUTATIONS_OF_GIVING)
 def test_broken_giving_of_latched_messages_is_noticed(mutation: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Declarations, "_give", MUTATIONS_OF_GIVING[mutation])

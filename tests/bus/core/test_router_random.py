@@ -17,6 +17,8 @@ LATCHED_STEPS = st.lists(st.tuples(st.sampled_from(LATCHED_ACTIONS), st.sampled_
 DEATHS = st.lists(st.integers(0, 2000), max_size=3)
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 @settings(max_examples=200, deadline=None)
 @given(STEPS)
 def test_any_history_keeps_order_and_books(steps: list[tuple[str, int]]) -> None:
@@ -39,6 +41,8 @@ def test_any_history_survives_any_deaths_of_the_core(
         history.finish()
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 @settings(max_examples=100, deadline=None)
 @given(LATCHED_STEPS, DEATHS, st.booleans(), st.booleans(), st.sampled_from([4, 1 << 30]))
 def test_any_history_of_a_latched_channel_survives_any_deaths_of_the_core(

@@ -60,6 +60,8 @@ def runs_begin_with_a_sleep(built: ModuleType, wakeup: Any, monkeypatch: pytest.
     return rounds_in_c
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_histories_are_stored_alike(built: ModuleType, runs_begin_with_a_sleep: list[int]) -> None:
     compare_histories(built, HISTORIES)
     assert len(runs_begin_with_a_sleep) > 5 * len(HISTORIES)

@@ -37,6 +37,8 @@ def test_index_beyond_its_table_ends_the_core_before_it_is_used(
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGABRT, "", "")
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_row_without_a_subscription_ends_the_core(program: Path) -> None:
     done = release(program, "subscription", "1")
     assert (done.returncode, done.stderr) == (-signal.SIGABRT, "")

@@ -56,6 +56,8 @@ def check_rings(program: Path, records: int) -> None:
         assert done.stdout == f"{pair}: {records} records\n"
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_rings_protect_memory_by_their_fences_alone(
     compiler_command: list[str], fences: Path, tmp_path: Path
 ) -> None:

@@ -74,6 +74,8 @@ def test_turn_of_few_records_is_stored_alike(
     compare_histories(built, range(50))
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_histories_are_stored_alike(built: ModuleType) -> None:
     compare_histories(built, range(HISTORIES))
 
@@ -118,6 +120,8 @@ def compare_attacks(built: ModuleType, count: int) -> None:
         assert not found, f"input {number * EACH} of seed 7:\n{found}"
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_hostile_modules_are_handled_alike(built: ModuleType) -> None:
     compare_attacks(built, HOSTILE_MODULES)
 

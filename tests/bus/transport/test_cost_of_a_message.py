@@ -175,6 +175,8 @@ def test_message_calls_nothing_that_enters_the_kernel(chain: Chain) -> None:
     assert {name for name in builtin if not name.startswith(harmless)} == expected
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_message_takes_few_calls(chain: Chain) -> None:
     message = Speed()
     publishing, _ = calls_of(lambda: chain.outbox.publish(message, ""))

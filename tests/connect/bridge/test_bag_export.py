@@ -83,6 +83,7 @@ def test_names_are_those_of_the_robots_bridge(capsys: pytest.CaptureFixture[str]
     assert quality["/odometry"].durability is QosDurability.VOLATILE
 
 
+@pytest.mark.slow
 def test_every_stock_type_is_read_by_rosbags_with_the_definition_in_the_bag() -> None:
     kinds = [kind for kind in stock_registry() if "/msg/" in kind.type_name]
     with LogFile(Path("a.mcap")) as log:

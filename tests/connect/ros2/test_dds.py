@@ -38,6 +38,7 @@ def test_missing_network_interface_is_named() -> None:
         ModuleHarness(Ros2Bridge, {**SETTINGS, "interface": "nope0"}).__enter__()
 
 
+@pytest.mark.slow
 def test_every_stock_type_has_a_type_of_dds() -> None:
     for one in stock_registry():
         raw_type(one).__idl__.populate()

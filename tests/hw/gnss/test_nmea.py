@@ -167,6 +167,7 @@ COORDINATES = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(COORDINATES, st.sampled_from("NSEWn "), COORDINATES, st.sampled_from("EWNSe "))
 def test_coordinates_are_those_of_pynmea2_or_refused(
     latitude: str, north: str, longitude: str, east: str

@@ -73,6 +73,7 @@ def off_m(pose: PoseStamped, truth: PlanarPose) -> float:
     return float(np.hypot(pose.pose.position.x - truth[0], pose.pose.position.y - truth[1]))
 
 
+@pytest.mark.slow
 def test_pose_is_published_once_it_is_certain_and_survives_a_restart(
     drive: DrivenRobot, map_file: Path
 ) -> None:

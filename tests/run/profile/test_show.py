@@ -167,6 +167,8 @@ def test_colour_only_on_a_terminal(robot: Robot) -> None:
     assert b"\x1b[2m" in shown and b"profiles/plain.yaml:1" in shown
 
 
+@pytest.mark.slow
+@pytest.mark.every_turn
 def test_closed_output_causes_no_traceback(robot: Robot) -> None:
     robot.write("long", "variables:\n" + "".join(f"  key{n}: {'x' * 2000}\n" for n in range(100)))
     run = "import sys; from robbie_mp.cli import main; sys.exit(main(['profile', 'show', 'long']))"

@@ -67,6 +67,7 @@ def test_forward_kinematics_are_those_of_the_scene_graph(arm: ArmModel) -> None:
     assert arm.max_speed.tolist() == [graph.joint(name).max_speed for name in JOINTS]
 
 
+@pytest.mark.slow
 def test_all_of_200_random_reachable_poses_are_solved_without_a_collision(arm: ArmModel) -> None:
     surroundings = CollisionWorld(arm, [TABLE])
     chance = np.random.default_rng(0)

@@ -137,6 +137,7 @@ class World:
         return not (self.objects.knocked or self.objects.contacts or self.objects.slips)
 
 
+@pytest.mark.slow
 def test_arm_picks_up_carries_and_puts_down_without_touching_anything_else() -> None:
     world = World()
     world.work.pick_up("tea")
@@ -291,6 +292,7 @@ def test_object_is_held_out_upright_and_let_go_when_a_person_pulls(restarts: boo
     assert world.objects.is_taken("cola")
 
 
+@pytest.mark.slow
 def test_arm_keeps_what_nobody_takes() -> None:
     world = World()
     world.work.pick_up("cola")

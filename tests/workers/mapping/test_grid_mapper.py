@@ -56,6 +56,7 @@ def mapped(drive: Drive) -> GridMapper:
     return run(GridMapper(), drive)
 
 
+@pytest.mark.slow
 def test_trajectory_is_better_than_odometry(drive: Drive, mapped: GridMapper) -> None:
     distance_m, angle_rad = errors(drive, mapped.trajectory()[:, 1:])
     by_odometry_m, _ = errors(drive, drive.odometry[:, 1:])

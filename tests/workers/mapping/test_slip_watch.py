@@ -64,6 +64,7 @@ def test_slip_of_odometry_is_noticed_and_undone(
     assert off_m.max() < 0.15  # between the slip and the next sweep, too
 
 
+@pytest.mark.slow
 def test_lost_robot_says_so_and_continues_with_a_new_part_of_the_map(
     drive: Drive, mapped: GridMapper
 ) -> None:

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from robbie_robots.hw.pose import Pose
@@ -22,6 +23,7 @@ def position(world: NavigationWorld) -> NDArray[np.float64]:
     return np.array(world.drive.ground_truth().pose[:2])
 
 
+@pytest.mark.slow
 def test_robots_whose_ways_cross_do_not_touch() -> None:
     east, north = Pose(1.5, 3.0, 0.0), Pose(3.15, 1.35, math.pi / 2)
     robots = [NavigationWorld(room(start)) for start in (east, north)]

@@ -148,6 +148,7 @@ def test_training_without_both_kinds_of_recordings_is_refused(tmp_path: Path) ->
     assert main(["--data", str(tmp_path)]) == 2
 
 
+@pytest.mark.slow
 @needs_recordings
 def test_model_trained_on_some_real_recordings_finds_legs_in_another_one() -> None:
     others = [
