@@ -90,7 +90,7 @@ def override(profile: YamlNode, overrides: Sequence[str]) -> YamlNode:
     """Return the profile overridden by each `MODULE.SETTING=value`.
 
     Raises:
-        ProfileError: an override has another form, or names no module of the profile.
+        ProfileError: an override has another form, or names no module of the profile, nor its black box.
     """
     return reduce(merge, [_read_override(text, profile) for text in overrides], profile)
 
@@ -103,11 +103,14 @@ def _read_override(text: str, profile: YamlNode) -> YamlNode:
     if not (equals and name and setting):
         raise refuse("expected MODULE.SETTING=VALUE", place)
     modules = _modules(profile)
-    if name not in modules:
+    if name == BLACK_BOX and name not in modules:
+        path: tuple[str, ...] = (BLACK_BOX, setting)
+    elif name in modules:
+        path = ("modules", name, "settings", setting)
+    else:
         near = did_you_mean(name, modules) or f"; modules: {', '.join(modules) or 'none'}"
         raise refuse(f"there is no module {name!r}{near}", place)
     value = YamlNode(read_text(value_text, option).value, place)
-    path = ("modules", name, "settings", setting)
     return reduce(lambda inner, step: YamlNode({step: inner}, place), reversed(path), value)
 
 

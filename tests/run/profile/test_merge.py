@@ -168,6 +168,12 @@ def test_overrides_set_settings(robot: Robot) -> None:
     assert str(profile.place_of("modules", "a", "settings", "x")) == "--set a.x"
 
 
+def test_override_sets_what_the_black_box_does(robot: Robot) -> None:
+    robot.write("demo", OVERRIDDEN)
+    box = robot.load("demo", "black_box.spool_s=0", "black_box.before_s=30").black_box
+    assert box is not None and box.settings == {"spool_s": 0, "before_s": 30}
+
+
 def test_of_two_overrides_the_later_wins_and_null_removes(robot: Robot) -> None:
     robot.write("demo", OVERRIDDEN)
     profile = robot.load("demo", "a.x=2", "a.x=3", "a.m=null")
