@@ -11,7 +11,7 @@ from robbie_mp.cli.output import console, warn
 from robbie_mp.cli.parser import add_command
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.model import Profile
-from robbie_mp.run.profile.preflight import last_line, preflight
+from robbie_mp.run.profile.preflight import preflight, what_failed
 from robbie_mp.run.profile.show import DEFAULT, YamlLine, as_tree, origins, to_lines, without_defaults
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def show(arguments: argparse.Namespace) -> int:
     profile = load(arguments)
     findings = preflight(profile)
     for module, failure in findings.failures.items():
-        warn(f"module {module} cannot be imported: {last_line(failure)}")
+        warn(f"module {module} cannot be imported: {what_failed(failure)}")
     tree = as_tree(profile, findings.settings)
     origin_of = origins(profile, tree)
     if arguments.changed:

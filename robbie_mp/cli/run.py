@@ -22,7 +22,7 @@ from robbie_mp.cli.screen import RunScreen
 from robbie_mp.logs.black_box.salvage import salvage
 from robbie_mp.logs.black_box.spool import spool_folders
 from robbie_mp.run.profile.model import BLACK_BOX, Profile
-from robbie_mp.run.profile.preflight import Preflight, last_line, preflight, runnable
+from robbie_mp.run.profile.preflight import Preflight, preflight, runnable, what_failed
 from robbie_mp.run.profile.workspace import is_class
 from robbie_mp.run.results import remove_oldest
 from robbie_mp.run.supervisor.run import RunResult, default_output_directory, run_profile
@@ -96,8 +96,8 @@ def check(profile: Profile) -> tuple[Profile, Preflight]:
     checked = runnable(profile, findings)
     running = {module.name for module in checked.modules}
     for name, failure in findings.failures.items():
-        if name not in running:
-            warn(f"module {name} is left out, it cannot be imported: {last_line(failure)}")
+        outcome = "is started nevertheless" if name in running else "is left out"
+        warn(f"module {name} cannot be imported, and {outcome}: {what_failed(failure)}")
     return checked, findings
 
 
@@ -152,6 +152,12 @@ def run_robot(
         print(
             f"the disk of {result.output_directory} has stalled: {result.unwritten} pieces of trace and "
             "summary were not yet written when the run ended; they will be if the disk recovers",
+            file=sys.stderr,
+        )
+    if result.refused:
+        print(
+            f"{result.output_directory} did not take {result.refused} pieces of trace and summary "
+            f"({result.refusal}), so they are lost; make room, or choose another folder with --output",
             file=sys.stderr,
         )
     balance = balance_of(result.output_directory) or Balance()

@@ -71,7 +71,10 @@ def _missing(module: ModuleFigures) -> Iterator[str]:
 
 def files(folder: Path) -> str:
     """Return the results in a folder with their sizes, beside log and summary; '' if there are none."""
-    found = sorted(path for path in folder.iterdir() if path.name not in (LOG_FOLDER, SUMMARY_FILE))
+    try:
+        found = sorted(path for path in folder.iterdir() if path.name not in (LOG_FOLDER, SUMMARY_FILE))
+    except OSError as error:  # somebody has removed it
+        return f" cannot be read any more ({error.strerror})"
     names = [f"{one.name}/" if one.is_dir() else f"{one.name} ({size(one.stat().st_size)})" for one in found]
     if len(names) > MAX_FILES:
         names[MAX_FILES:] = [f"{len(names) - MAX_FILES} more"]

@@ -27,6 +27,8 @@ from robbie_mp.run.run_directory import list_runs
 from robbie_mp.run.supervisor.output import SUPERVISOR
 from robbie_mp.run.supervisor.run import RunListener
 from robbie_mp.run.supervisor.states import ChildState, StateChange
+from robbie_mp.run.supervisor.supervised_child import BY_ITSELF
+from robbie_mp.run.supervisor.tracebacks import tells_nothing
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
 
@@ -124,7 +126,8 @@ class RunScreen:
 
     def _on_entry(self, entry: Entry) -> None:
         is_change = entry.stream == SUPERVISOR and entry.kind is Kind.ERROR  # which `_on_change` shows
-        if not self._quiet and entry.kind is not Kind.SYSTEM and not is_change:
+        is_noise = entry.stream == "stderr" and tells_nothing(entry.text)
+        if not self._quiet and entry.kind is not Kind.SYSTEM and not is_change and not is_noise:
             is_crash = entry.level == CRITICAL and bool(entry.traceback)
             # The last line of a traceback is the message, which may differ each time.
             again = is_crash and self._again(entry.module, entry.traceback.rpartition("\n")[0])
@@ -137,11 +140,13 @@ class RunScreen:
             if change.name in self._down:
                 self._put(f"{change.name}: RUNNING again (start {change.incarnation})", "green")
             self._down.discard(change.name)
+        if change.new is ChildState.STOPPED and change.reason.endswith(BY_ITSELF) and not self._quiet:
+            self._put(f"{change.name}: STOPPED ({change.reason})", "")
         if change.new in (ChildState.FAILED, ChildState.BACKOFF):
             self._down.add(change.name)
             again = f", again in {change.restart_in_s:.2f} s" if change.restart_in_s is not None else ""
             self._put(f"{change.name}: {change.new} ({change.reason}{again})", "bold red")
-            lines = change.last_lines if self._quiet else ()
+            lines = [one for one in change.last_lines if not tells_nothing(one)] if self._quiet else ()
             again = self._again(change.name, "\n".join(lines)) if lines else ""
             for text in (again,) if again else lines:
                 self._put(f"[{change.name}] {text}", "")

@@ -11,7 +11,7 @@ from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.base.yaml_reader import read_text
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.model import ModuleSpec, Profile
-from robbie_mp.run.profile.preflight import last_line, preflight, runnable
+from robbie_mp.run.profile.preflight import preflight, runnable, what_failed
 from robbie_mp.run.variant import Variant, check_code
 
 
@@ -107,5 +107,5 @@ def checked(spec: ModuleSpec, others: Sequence[ModuleSpec], workspace: Path) -> 
     findings = preflight(profile, only={spec.name})
     runnable(profile, findings)
     if failure := findings.failures.get(spec.name):
-        raise ProfileError([Problem(f"{spec.class_path} cannot be imported: {last_line(failure)}")])
+        raise ProfileError([Problem(f"{spec.class_path} cannot be imported: {what_failed(failure)}")])
     return replace(spec, settings=findings.settings[spec.name])

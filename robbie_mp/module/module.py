@@ -756,11 +756,15 @@ class Module:
 
     @property
     def status(self) -> str:
-        """One line on how the module is doing, shown by `robbie top`; at most 256 bytes of UTF-8."""
+        """One line on how the module is doing, shown by `robbie top`; at most 256 bytes of UTF-8.
+
+        What is no text, such as a number, is shown as `str` makes it: no robot falls over a status.
+        """
         return self._status
 
     @status.setter
     def status(self, line: str) -> None:
+        line = str(line)
         if line != self._status:
             self._status = line
             self._show_status(line)
@@ -779,6 +783,7 @@ class Module:
 
     @degraded.setter
     def degraded(self, reason: str) -> None:
+        reason = str(reason or "")
         if reason != self._degraded:
             self._degraded = reason
             self._health.degrade("itself", reason) if reason else self._health.recover("itself")

@@ -1,7 +1,10 @@
 """The end of `robbie run` says what was achieved, where the results are, and what became of every message."""
 
+from pathlib import Path
+
 import pytest
 
+from robbie_mp.cli.run_summary import files
 from tests._support.robot import Robot
 
 MODULES = """
@@ -114,3 +117,7 @@ modules:
     ended = robot.command("run", "robot")
     assert "    quick: 1 refused: ill-formed" in ended.stdout, ended.stderr
     assert "refused an ill-formed message, 1 of this kind: sensor_msgs/msg/Image" in ended.stderr
+
+
+def test_folder_of_results_that_is_gone_is_said(tmp_path: Path) -> None:
+    assert files(tmp_path / "gone") == " cannot be read any more (No such file or directory)"

@@ -8,9 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 
+import robbie_mp.module.loop
 from robbie_mp.cli.screen import QUEUED_LINES, RunScreen
 from robbie_mp.run.operator_link import write_link
 from robbie_mp.run.supervisor.states import ChildState, StateChange
+from robbie_mp.run.supervisor.supervised_child import BY_ITSELF
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
 
@@ -149,3 +151,34 @@ def test_closed_pipe_ends_only_the_output() -> None:
             screen.listener.entry(line(LONG))
     os.close(writer)
     assert not screen._thread.is_alive()
+
+
+def test_dump_of_a_hung_module_is_shown_without_our_frames() -> None:
+    theirs = '  File "/home/robot/modules/laser.py", line 6 in setup'
+    dump = [
+        "Fatal Python error: Aborted",
+        "Current thread 0x00007fe4c87dfb80 (most recent call first):",
+        theirs,
+        f'  File "{robbie_mp.module.loop.__file__}", line 60 in set_up',
+        '  File "<frozen runpy>", line 88 in _run_code',
+        "Extension modules: msgspec._core, numpy._core._multiarray_umath (total: 2)",
+    ]
+    reader, writer = os.pipe()
+    with RunScreen(quiet=False, fd=writer) as screen:
+        for text in dump:
+            screen.listener.entry(Entry(1, 0.0, Kind.WARNING, "laser", 1, "stderr", text))
+    os.close(writer)
+    assert read_all(reader).splitlines() == [f"[laser] {dump[1]}", f"[laser] {theirs}"]
+
+
+def test_module_that_ends_by_itself_is_named() -> None:
+    reader, writer = os.pipe()
+    with RunScreen(quiet=False, fd=writer) as screen:
+        for reason in ("exit code 0", f"exit code 0: {BY_ITSELF}"):
+            screen.listener.change(
+                StateChange("laser", 1, ChildState.RUNNING, ChildState.STOPPED, reason, 0.0)
+            )
+    os.close(writer)
+    assert read_all(reader) == (
+        "laser: STOPPED (exit code 0: it ended by itself, and is not started again)\n"
+    )

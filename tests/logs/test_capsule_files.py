@@ -5,6 +5,7 @@ import json
 import math
 import subprocess
 import sys
+import time
 import traceback
 import zipfile
 from collections.abc import Callable
@@ -14,11 +15,13 @@ from typing import Any
 
 import pytest
 
+from robbie_mp.base.linux.proc import has_ended
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.board import Board
 from robbie_mp.bus.transport.history import Event, PythonHistory, history_words
 from robbie_mp.bus.transport.tables import CoreTables, TableSizes
 from robbie_mp.logs.capsule.as_test import numbers
+from robbie_mp.logs.capsule.attempt import START_LIMIT_S, Progress, attempt
 from robbie_mp.logs.capsule.form import EVENTS, MANIFEST, MESSAGES
 from robbie_mp.logs.capsule.place import HANG, Crash, Place, raised_crash, reported_crash
 from robbie_mp.logs.capsule.read import CapsuleUnreadable, read_capsule
@@ -26,7 +29,7 @@ from robbie_mp.logs.capsule.replay import changed_code, judge, replay
 from robbie_mp.logs.capsule.replayed import ForeignClass, ReplayHarness
 from robbie_mp.logs.capsule.write import write_capsule
 from robbie_mp.run.trace.crash import CrashReport, LastWords
-from tests._support.robot import COMMAND
+from tests._support.robot import COMMAND, wait_until
 from tests.security._support.hostile import HOSTILE, check_plain
 
 TRACEBACK = [
@@ -227,3 +230,31 @@ def test_place_of_an_exception_group_is_not_that_of_its_members() -> None:
 @pytest.mark.parametrize("value", [math.nan, -math.inf, [0.5, math.inf], 2])
 def test_numbers_are_written_as_code_that_runs(value: object) -> None:
     assert repr(eval(numbers(value))) == repr(value)
+
+
+def forever(progress: Progress, _details: dict[str, Any]) -> None:
+    progress.show(0)
+    while True:
+        pass
+
+
+def test_first_step_has_the_limit_of_all_steps() -> None:
+    began_s = time.monotonic()
+    assert attempt(forever, limit_s=0.2).crash.kind == HANG
+    assert time.monotonic() - began_s < START_LIMIT_S
+
+
+HANGS = """
+import os, time
+from robbie_mp.logs.capsule.attempt import attempt
+attempt(lambda *_: (os.write(1, b"%d\\n" % os.getpid()), time.sleep(600)), quiet=False)
+"""
+
+
+def test_replayed_module_dies_with_the_command() -> None:
+    with subprocess.Popen([sys.executable, "-c", HANGS], stdout=subprocess.PIPE) as command:
+        assert command.stdout is not None
+        replayed = int(command.stdout.readline())
+        assert not has_ended(replayed)
+        command.terminate()
+    wait_until(lambda: has_ended(replayed))

@@ -41,3 +41,10 @@ class Late(Doorman):
 def test_first_state_is_shown_if_the_machine_shows_its_states(module: Any, states: dict[str, str]) -> None:
     with ModuleHarness(module) as harness:
         assert harness.module._states == states
+
+
+def test_status_that_is_no_text_is_shown_as_text() -> None:
+    with ModuleHarness(Module) as harness:
+        harness.module.status = 3  # type: ignore[assignment]
+        harness.module.degraded = LookupError("no map")  # type: ignore[assignment]
+        assert (harness.module.status, harness.module.degraded) == ("3", "no map")

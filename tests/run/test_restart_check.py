@@ -47,3 +47,19 @@ def test_module_whose_code_is_wrong_is_not_restarted(robot: Robot) -> None:
 
     above.write_text(ABOVE)
     assert robot.command("module", "restart", "ground").stdout == "ground is RUNNING, start 2\n"
+
+
+@pytest.mark.slow
+def test_new_code_that_raises_is_said_with_its_line_at_the_first_start(robot: Robot) -> None:
+    ground = robot.folder / "ground.py"
+    ground.write_text(MODULES)
+    robot.write_profile('modules: {ground: {class: "ground:Ground", restart: {max_restarts: 1000}}}')
+    robot.start()
+    robot.until(lambda top: all(one["state"] == "RUNNING" for one in top.values()))
+    ground.write_text(
+        MODULES.replace("    pass", "    def setup(self):\n        raise LookupError('no map')")
+    )
+    answer = robot.command("module", "restart", "ground")
+    assert answer.returncode == 1
+    assert "ground is BACKOFF: exit code 1" in answer.stderr
+    assert "LookupError: no map (ground.py:6)" in answer.stderr

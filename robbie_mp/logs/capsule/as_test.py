@@ -87,6 +87,7 @@ class Scene:
             namespace=start.namespace,
             folder=self.workspace,
         )
+        progress.show(0)
         with limited_address_space(start.more_bytes), harness:
             for number, one in enumerate(acts):
                 progress.show(number + 1)

@@ -13,13 +13,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from robbie_mp.base.linux.prctl import die_with_parent
 from robbie_mp.logs.capsule.place import EXIT, HANG, SIGNAL, Crash, dumped_place, raised_crash
 from robbie_mp.run.supervisor.tracebacks import leave_out_our_frames
 
 LIMIT_S = 5.0
 """One step may take this long; beyond it, it hangs."""
 START_LIMIT_S = 20.0
-"""The same for imports and setup."""
+"""The same for the imports, before the first step."""
 DUMP_S = 2.0
 """A process that hangs has this long to print its stacks."""
 POLL_S = 0.05
@@ -34,12 +35,12 @@ class Progress:
 
     def show(self, number: int) -> None:
         """Show a number."""
-        self._shared[:] = number.to_bytes(8, "little")
+        self._shared[:] = (number + 1).to_bytes(8, "little")
 
     @property
     def number(self) -> int:
-        """The number shown last."""
-        return int.from_bytes(self._shared[:], "little")
+        """The number shown last; -1: none was shown yet."""
+        return int.from_bytes(self._shared[:], "little") - 1
 
 
 @dataclass
@@ -71,10 +72,11 @@ def attempt(act: Act, *, limit_s: float = LIMIT_S, quiet: bool = True) -> Outcom
     progress = Progress()
     dump = os.memfd_create("robbie-replay")
     read_end, write_end = os.pipe()
+    parent = os.getpid()
     pid = os.fork()
     if pid == 0:
         os.close(read_end)
-        _run(act, progress, write_end, dump, quiet=quiet)
+        _run(act, progress, write_end, dump, parent, quiet=quiet)
     os.close(write_end)
     try:
         said, hangs = _wait(pid, read_end, progress, limit_s)
@@ -83,14 +85,15 @@ def attempt(act: Act, *, limit_s: float = LIMIT_S, quiet: bool = True) -> Outcom
     finally:
         os.close(read_end)
         os.close(dump)
-    return _outcome(said, status, lines, progress.number, hangs=hangs)
+    return _outcome(said, status, lines, max(0, progress.number), hangs=hangs)
 
 
-def _run(act: Act, progress: Progress, to: int, dump: int, *, quiet: bool) -> None:
+def _run(act: Act, progress: Progress, to: int, dump: int, parent: int, *, quiet: bool) -> None:
     """Be the forked process; never returns."""
     crash = Crash("end")
     details: dict[str, Any] = {}
     try:
+        die_with_parent(parent)
         os.setpgid(0, 0)
         if quiet:
             nothing = os.open(os.devnull, os.O_WRONLY)
@@ -113,7 +116,7 @@ def _run(act: Act, progress: Progress, to: int, dump: int, *, quiet: bool) -> No
 
 
 def _wait(pid: int, read_end: int, progress: Progress, limit_s: float) -> tuple[bytes, bool]:
-    said, seen, since_s = b"", -1, time.monotonic()
+    said, seen, since_s = b"", progress.number, time.monotonic()
     hangs = False
     while True:
         if select.select([read_end], [], [], POLL_S)[0]:
@@ -123,7 +126,7 @@ def _wait(pid: int, read_end: int, progress: Progress, limit_s: float) -> tuple[
             said += piece
             continue
         now_s = time.monotonic()
-        allowed_s = limit_s if seen > 0 else max(limit_s, START_LIMIT_S)
+        allowed_s = limit_s if seen >= 0 else max(limit_s, START_LIMIT_S)
         if progress.number != seen:
             seen, since_s = progress.number, now_s
         elif not hangs and now_s - since_s > allowed_s:

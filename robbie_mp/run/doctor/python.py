@@ -9,7 +9,7 @@ from robbie_mp.base.extras import Requirement, installed, own_requirements
 from robbie_mp.bus._hot.choice import why_not
 from robbie_mp.run.doctor.finding import Finding, fail, ok, warn
 from robbie_mp.run.profile.model import Profile
-from robbie_mp.run.profile.preflight import preflight
+from robbie_mp.run.profile.preflight import preflight, require_processors, what_failed
 
 OLDEST = (3, 10)
 FOR_DEVELOPERS = ("dev", "docs", "bench", "fuzz", "wheels")
@@ -114,8 +114,9 @@ def look_at_modules(profile: Profile) -> Iterator[Finding]:
     """Import every module of a profile in another process.
 
     Raises:
-        ProfileError: something named as a module class is not one, or a setting is wrong.
+        ProfileError: something named as a module class is not one, or a setting or a processor is wrong.
     """
+    require_processors(profile)
     found = preflight(profile)
     yield check_modules(len(profile.modules), found.failures)
     kept = {one.name for one in profile.modules if one.memory.history_bytes is not None}
@@ -142,7 +143,7 @@ def check_modules(count: int, failures: Mapping[str, str]) -> Finding:
     """Judge the modules by the tracebacks of those that cannot be imported."""
     if not failures:
         return ok("modules", f"all {count} can be imported")
-    last_lines = {name: text.strip().splitlines()[-1] for name, text in failures.items() if text.strip()}
+    last_lines = {name: what_failed(text) for name, text in failures.items() if text.strip()}
     found = "; ".join(f"{name} cannot be imported: {line}" for name, line in last_lines.items())
     needs_package = any("No module named" in line for line in last_lines.values())
     advice = (

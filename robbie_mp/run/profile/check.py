@@ -23,6 +23,7 @@ from robbie_mp.module.class_check import CodeFlaw, class_flaws
 from robbie_mp.module.clock import AGES_S
 from robbie_mp.module.settings import SettingError, examine_settings
 from robbie_mp.run.profile.code_check import import_flaw, type_flaws
+from robbie_mp.run.supervisor.tracebacks import leave_out_our_frames
 from robbie_mp.run.variant import put_first
 
 Class = TypeVar("Class")
@@ -106,7 +107,8 @@ def examine(module: dict[str, Any], base: type, workspace: Path, others: list[st
     except NotAModule as error:
         errors.append((("class",), str(error)))
     except BaseException as error:  # even sys.exit: the fault is in the code, not in the profile
-        failure = traceback.format_exc()
+        leave_out_our_frames(error)
+        failure = "".join(traceback.format_exception(error))
         is_missing = isinstance(error, ImportError)
         flaws += filter(None, [import_flaw(error)])
     flaws += type_flaws()

@@ -9,6 +9,7 @@ either if a module cannot import something, such as a library that is not instal
 as FAILED with its traceback.
 """
 
+import os
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import closing
@@ -112,13 +113,15 @@ def runnable(profile: Profile, findings: Preflight) -> Profile:
         findings: what `preflight` returned for it.
 
     Raises:
-        ProfileError: a module that is not optional cannot be imported, or no module is left to run.
+        ProfileError: a module that is not optional cannot be imported, no module is left to run, or one may
+            use none of its processors here.
     """
+    require_processors(profile)
     missing = [module for module in profile.modules if module.name in findings.missing]
     problems = [
         Problem(
             f"modules.{module.name}.class: {module.class_path} cannot be imported: "
-            f"{last_line(findings.failures[module.name])}{_last_place(findings.failures[module.name])}; "
+            f"{what_failed(findings.failures[module.name])}; "
             "install what is missing, or write `optional: true` into the module to run without it",
             profile.place_of("modules", module.name, "class"),
         )
@@ -146,6 +149,28 @@ def runnable(profile: Profile, findings: Preflight) -> Profile:
     return replace(profile, modules=kept)
 
 
+def require_processors(profile: Profile) -> None:
+    """Refuse a profile that binds a process to processors of which it may use none on this machine.
+
+    Raises:
+        ProfileError: it lists each of them.
+    """
+    usable = os.sched_getaffinity(0)
+    wanted: dict[tuple[str, ...], list[int]] = {("core",): profile.core.scheduling.cpus}
+    wanted |= {("modules", one.name): one.scheduling.cpus for one in profile.modules}
+    problems = [
+        Problem(
+            f"{'.'.join(where)}.scheduling.cpus: {cpus}, but this machine lets it use only "
+            f"{', '.join(map(str, sorted(usable)))}",
+            profile.place_of(*where, "scheduling", "cpus"),
+        )
+        for where, cpus in wanted.items()
+        if cpus and usable.isdisjoint(cpus)
+    ]
+    if problems:
+        raise ProfileError(problems)
+
+
 def _deadline_s(module: ModuleSpec, findings: Preflight) -> float | None:
     """Return the deadline of the profile, or else of the class."""
     given_s = module.handler_deadline_s
@@ -158,19 +183,14 @@ def first_problem(result: Mapping[str, Any]) -> str:
         return str(problem)
     for key, text in result.get("errors") or ():
         return f"{key[0]}: {text}"
-    failure = result.get("failure") or ""
-    return f"{last_line(failure)}{_last_place(failure)}" if failure else ""
+    return what_failed(result.get("failure") or "")
 
 
-def last_line(failure: str) -> str:
-    """Return the line of a traceback that says what went wrong."""
-    return (failure.strip().splitlines() or [""])[-1]
-
-
-def _last_place(failure: str) -> str:
-    """Return in brackets the line of code that a traceback ends with; '' if it has none."""
+def what_failed(failure: str) -> str:
+    """Return the last line of a traceback, with the line of code that it ends with, in brackets."""
+    last_line = (failure.strip().splitlines() or [""])[-1]
     places = re.findall(r'File "([^<"]+)", line (\d+)', failure)
-    return f" ({SourcePlace(Path(places[-1][0]), int(places[-1][1]))})" if places else ""
+    return f"{last_line} ({SourcePlace(Path(places[-1][0]), int(places[-1][1]))})" if places else last_line
 
 
 def _without_crashed(

@@ -17,6 +17,7 @@ from pathlib import Path
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.private_files import PRIVATE_FILE
 from robbie_mp.run.control import MAX_LINE_BYTES, BadRequest, pack_line, socket_address, unpack_request
+from robbie_mp.run.profile.preflight import what_failed
 from robbie_mp.run.supervisor.attached_tools import AttachedTools
 from robbie_mp.run.supervisor.child_spec import ChildKind
 from robbie_mp.run.supervisor.debugging import Debugging
@@ -286,8 +287,10 @@ def _restarted(child: SupervisedChild) -> Progress:
     def progress() -> Answer | None:
         if child.state is ChildState.RUNNING and child.incarnation > before:
             return {"done": f"{child.spec.name} is RUNNING, start {child.incarnation}"}
-        if child.state is not None and child.state.is_final:
-            return {"error": f"{child.spec.name} is {child.state}: {child.reason}"}
+        has_ended = child.state is ChildState.BACKOFF and child.incarnation > before
+        if has_ended or (child.state is not None and child.state.is_final):
+            why = what_failed("\n".join(child.output.last_lines))
+            return {"error": f"{child.spec.name} is {child.state}: {child.reason}{why and f'; {why}'}"}
         return None
 
     return progress

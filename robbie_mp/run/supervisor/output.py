@@ -31,6 +31,8 @@ REPORT_PERIOD_S = 1.0
 SHOWN_LINES = 40
 STALLED_AFTER_S = 5.0
 """A disk that has accepted nothing for this long is reported as stalled."""
+REFUSED_PERIOD_S = 60.0
+"""A disk that refuses, for example because it is full, is reported this often."""
 ADVICE = "choose another output directory"
 
 Listener = Callable[[Entry], None]
@@ -80,6 +82,7 @@ class OutputStore:
         self._listener = listener
         self._numbers = EntryNumbers()
         self._stalled_since_s: float | None = None
+        self._told_refused, self._tell_refused_s = 0, 0.0
         self._owns_disk = disk is None
         self.disk = disk or DiskWriter(self.limits.waiting_bytes)
         self.disk.on_restart = lambda: self._open("")  # a replacement writer continues the page
@@ -108,7 +111,7 @@ class OutputStore:
         """Continue writing; called in every iteration of the supervisor's loop.
 
         Returns:
-            News about the disk: that it has stalled or recovered; usually ''.
+            News about the disk: that it refuses, has stalled or recovered; usually ''.
         """
         self.disk.turn()
         stalled_s = self.disk.stalled_s
@@ -122,7 +125,16 @@ class OutputStore:
             lasted_s = time.monotonic() - self._stalled_since_s
             self._stalled_since_s = None
             return f"the disk of {self.folder} has recovered after {lasted_s:.1f} s"
-        return ""
+        return self._news_of_refusals()
+
+    def _news_of_refusals(self) -> str:
+        number = self.disk.refused - self._told_refused
+        if not number or time.monotonic() < self._tell_refused_s:
+            return ""
+        self._told_refused = self.disk.refused
+        self._tell_refused_s = time.monotonic() + REFUSED_PERIOD_S
+        pieces = "1 piece of it is" if number == 1 else f"{number} pieces of it are"
+        return f"{self.folder} does not take what the run writes ({self.disk.refusal}): {pieces} lost"
 
     def flush(self, limit_s: float = MAX_FLUSH_S) -> bool:
         """Wait until all is written; return False if the disk accepts nothing for `limit_s`."""

@@ -80,6 +80,10 @@ class RunResult:
     """Why modules were DEGRADED when the run began to stop, by name: those that had been for a while."""
     unwritten: int = 0
     """Orders to write trace or summary that a stalled disk had not accepted at the end."""
+    refused: int = 0
+    """Those that the disk refused, for example because it is full."""
+    refusal: str = ""
+    """Why it refused the last one."""
 
 
 def run_profile(
@@ -153,7 +157,10 @@ def run_profile(
         result = _run(plan, profile, directory.folder, listener, connections, disk)
         if summary := summarize(result):
             disk.order(["replace", str(output_directory / SUMMARY_FILE)], summary.encode())
-    return replace(result, unwritten=disk.unfinished)
+    code = result.exit_code or (DEGRADED if disk.refused else 0)
+    return replace(
+        result, exit_code=code, unwritten=disk.unfinished, refused=disk.refused, refusal=disk.refusal
+    )
 
 
 def _results_folder(folder: Path) -> Path:
@@ -252,7 +259,7 @@ def _run(
         observer.close()
     outputs = {child.spec.name: child.output for child in tree.children}
     return RunResult(
-        exit_code=exit_code or (DEGRADED if set(health.lasting) - {BLACK_BOX} else 0),
+        exit_code=exit_code or (DEGRADED if disk.refused or set(health.lasting) - {BLACK_BOX} else 0),
         reason=tree.stop_reason,
         figures=figures,
         entries={name: output.lines for name, output in outputs.items()},

@@ -31,6 +31,7 @@ DUMP_S = 0.5
 """From the request for a stack dump to SIGKILL; a stopped process does not respond."""
 UNKILLABLE_AFTER_S = 5.0
 """A process that has not ended this long after SIGKILL hangs in the kernel: in disk access or a driver."""
+BY_ITSELF = "it ended by itself, and is not started again"
 STOPPED = Doing(Activity.IDLE, -1, -1)
 """A child has no work, but a signal has stopped it, so it would do none either."""
 
@@ -201,7 +202,7 @@ class SupervisedChild:
             if self._is_held(now_s >= self._due_s) or self._incarnations.awaits_time(self.spec.name):
                 self._due_s = now_s + self.spec.module.start_deadline_s  # the delay is not its fault
             elif self.state is ChildState.STARTING and now_s >= self._due_s + self._starved_s(now_s):
-                self.kill(f"not ready within {self.spec.module.start_deadline_s:g} s")
+                self.abort(f"not ready within {self.spec.module.start_deadline_s:g} s")
         elif self.state is ChildState.RUNNING:
             self._check_hang(now_s)
         elif self._waits_for_start() and now_s >= self._due_s and self._may_open():
@@ -474,7 +475,7 @@ class SupervisedChild:
                 else:
                     self._move(ChildState.FAILED, f"{reason}; {why}", status)
             case _:
-                self._move(ChildState.STOPPED, reason, status)
+                self._move(ChildState.STOPPED, f"{reason}: {BY_ITSELF}", status)
 
     def _is_orderly(self, status: ExitStatus | None) -> bool:
         """Whether an end in an ordered stop is one in order; not while it is only being started again."""

@@ -8,10 +8,22 @@ from types import TracebackType
 import robbie_mp
 from robbie_mp.base.errors import RobbieError
 
-OURS = (f"{Path(robbie_mp.__file__).parent}/", "<frozen importlib")
-LIBRARIES = re.compile(rf".*/(site|dist)-packages/|{re.escape(sysconfig.get_paths()['stdlib'])}/")
+STANDARD_LIBRARY = sysconfig.get_paths()["stdlib"]
+OURS = (f"{Path(robbie_mp.__file__).parent}/", "<frozen importlib", f"{STANDARD_LIBRARY}/importlib/")
+LIBRARIES = re.compile(rf".*/(site|dist)-packages/|{re.escape(STANDARD_LIBRARY)}/")
 SAYS_ALL = (RobbieError, OSError)
 """Errors whose text says what is wrong, so that only the line of the module that meets them counts."""
+
+_OF_A_DUMP = re.compile(
+    rf'  File "(?:{re.escape(OURS[0])}|<)[^"]*", line \d+ in '
+    r"|Extension modules: |Fatal Python error: Aborted$"
+)
+"""Lines of a dump by faulthandler that tell the author of a module nothing."""
+
+
+def tells_nothing(line: str) -> bool:
+    """Whether a line that a hung module has printed is about our frames, or none at all."""
+    return _OF_A_DUMP.match(line) is not None
 
 
 def leave_out_our_frames(error: BaseException) -> None:

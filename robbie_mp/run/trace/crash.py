@@ -131,17 +131,16 @@ class CrashFolder:
         self._folder = folder / CRASH_FOLDER
         self._keep = keep
 
-    def keep(self, module: str, name: str, data: bytes) -> bool:
-        """Write a report from `CrashReport.to_json` and remove old ones; return False if the disk refuses."""
-        path = self._folder / name
-        try:
-            make_private_folder(self._folder)
-            write_private(path, data)
-            for old in report_files(self._folder.parent, module)[: -self._keep]:
-                old.unlink()
-        except OSError:
-            return False
-        return True
+    def keep(self, module: str, name: str, data: bytes) -> None:
+        """Write a report from `CrashReport.to_json` and remove old ones.
+
+        Raises:
+            OSError: the disk refuses.
+        """
+        make_private_folder(self._folder)
+        write_private(self._folder / name, data)
+        for old in report_files(self._folder.parent, module)[: -self._keep]:
+            old.unlink()
 
 
 def report_name(report: CrashReport) -> str:

@@ -42,6 +42,8 @@ class DiskWriter:
     Attributes:
         on_restart: called when a dead process was replaced, before any other order.
         unfinished: number of orders that the disk had not accepted when this was closed.
+        refused: number of orders that the disk refused, for example because it is full.
+        refusal: the last reason; '': none was refused.
     """
 
     def __init__(
@@ -52,7 +54,8 @@ class DiskWriter:
         self._max_waiting_bytes = max_waiting_bytes
         self._clock = clock
         self.on_restart: Callable[[], None] = lambda: None
-        self.unfinished = 0
+        self.unfinished = self.refused = 0
+        self.refusal = ""
         self._has_given_up = False
         self._unsent: deque[memoryview] = deque()
         self._unanswered: deque[tuple[int, OnDone]] = deque()
@@ -198,7 +201,10 @@ class DiskWriter:
                 for answer in answers:
                     length, on_done = self._unanswered.popleft()
                     self._waiting_bytes -= length
-                    on_done(answer == writer_process.DONE[0])
+                    if answer != writer_process.DONE:
+                        self.refused += 1
+                        self.refusal = os.strerror(answer)
+                    on_done(answer == writer_process.DONE)
         except BlockingIOError:
             return
         self._let_go(0.0)  # it has died

@@ -38,7 +38,9 @@ class TracePage:
 
     def write(self, lines: list[bytes]) -> None:
         """Append entries from `Entry.to_line`: they hold no < and >, so none can end its comment."""
-        if not self._file.write(b"".join([b"<!--" + line + b"-->" for line in lines])):
+        try:
+            self._file.write(b"".join([b"<!--" + line + b"-->" for line in lines]))
+        except OSError:
             self.dropped += len(lines)
 
     def close(self) -> None:

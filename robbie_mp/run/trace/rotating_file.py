@@ -1,6 +1,7 @@
 """A log file with a maximum size."""
 
 import contextlib
+import errno
 import os
 from pathlib import Path
 
@@ -11,7 +12,7 @@ class RotatingFile:
     """Appends to a file. A full `a.log` becomes `a.1.log`, that one `a.2.log`; the oldest is removed.
 
     logging.handlers.RotatingFileHandler prints a traceback for each line that a full disk refuses. Here the
-    caller gets a return value and continues.
+    caller gets the error and continues.
     """
 
     def __init__(self, path: Path, max_bytes: int, files: int, head: bytes = b""):
@@ -30,17 +31,19 @@ class RotatingFile:
         self._fd: int | None = None
         self._size = 0
 
-    def write(self, data: bytes) -> bool:
-        """Append; return False if the disk refused, for example because it is full."""
-        try:
-            fd = self._open() if self._fd is None else self._fd
-            if self._size > len(self._head) and self._size + len(data) > self._max_bytes:
-                fd = self._rotate()
-            written = os.write(fd, data)
-        except OSError:
-            return False
+    def write(self, data: bytes) -> None:
+        """Append.
+
+        Raises:
+            OSError: the disk refused, for example because it is full (ENOSPC).
+        """
+        fd = self._open() if self._fd is None else self._fd
+        if self._size > len(self._head) and self._size + len(data) > self._max_bytes:
+            fd = self._rotate()
+        written = os.write(fd, data)
         self._size += written
-        return written == len(data)
+        if written < len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def begin_anew(self) -> None:
         """Begin a new file with the next write, even if one exists, such as an earlier run's."""

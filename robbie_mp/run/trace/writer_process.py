@@ -3,10 +3,12 @@
 A disk may stall for seconds, and a process that writes to it then sleeps in the kernel. The supervisor must
 not sleep, so it sends all data to this process (`robbie_mp.run.trace.disk_writer`). Orders arrive on standard
 input: a line of JSON, `[NAME, ARGUMENTS…, LENGTH]`, and LENGTH bytes. The process acknowledges each order on
-standard output with one byte: `1` if it is done, `0` if the disk refused it. At the end of its input, for
-example because the supervisor was killed, it has written everything it received, and it ends.
+standard output with one byte: 0 if it is done, or the number of the error (errno) with which the disk refused
+it. At the end of its input, for example because the supervisor was killed, it has written everything it
+received, and it ends.
 """
 
+import errno
 import json
 import os
 import shutil
@@ -21,12 +23,11 @@ from robbie_mp.run.trace.crash import CrashFolder
 from robbie_mp.run.trace.page import TracePage
 from robbie_mp.run.trace.rotating_file import RotatingFile
 
-DONE = b"1"
-REFUSED = b"0"
+DONE = 0
 
 
 class Writer:
-    """Carries out orders; each method returns whether the disk accepted it."""
+    """Carries out orders; each method raises OSError if the disk refuses."""
 
     def __init__(self) -> None:
         self._folder = Path()
@@ -34,7 +35,7 @@ class Writer:
         self._files: dict[str, RotatingFile] = {}
         self._page: TracePage | None = None
         self._crashes: CrashFolder | None = None
-        self._orders: dict[str, Callable[..., bool]] = {
+        self._orders: dict[str, Callable[..., None]] = {
             "trace": self._open_trace,
             "entries": self._entries,
             "report": self._report,
@@ -42,12 +43,13 @@ class Writer:
             "remove": self._remove,
         }
 
-    def carry_out(self, order: list[str], data: bytes) -> bool:
-        """Carry out one order; return False if the disk refused it."""
+    def carry_out(self, order: list[str], data: bytes) -> int:
+        """Carry out one order; return DONE, or the number of the error with which the disk refused it."""
         try:
-            return self._orders[order[0]](data, *order[1:])
-        except OSError:
-            return False
+            self._orders[order[0]](data, *order[1:])
+        except OSError as error:
+            return error.errno or errno.EIO
+        return DONE
 
     def close(self) -> None:
         """Close all files."""
@@ -56,7 +58,7 @@ class Writer:
         if self._page:
             self._page.close()
 
-    def _open_trace(self, limits: bytes, folder: str, begin_page: str) -> bool:
+    def _open_trace(self, limits: bytes, folder: str, begin_page: str) -> None:
         bounds: dict[str, int] = json.loads(limits)
         self._folder = Path(folder)
         self._bounds = (bounds["file_bytes"], bounds["files"])
@@ -64,26 +66,25 @@ class Writer:
             self._folder, bounds["page_bytes"], bounds["pages"], begin_anew=bool(begin_page)
         )
         self._crashes = CrashFolder(self._folder, bounds["crash_reports"])
-        return True
 
-    def _entries(self, data: bytes, module: str) -> bool:
+    def _entries(self, data: bytes, module: str) -> None:
         if module not in self._files:
             self._files[module] = RotatingFile(self._folder / f"{module}.jsonl", *self._bounds)
-        is_written = self._files[module].write(data)
-        if self._page:
-            self._page.write(data.splitlines(keepends=True))
-        return is_written
+        try:
+            self._files[module].write(data)
+        finally:
+            if self._page:
+                self._page.write(data.splitlines(keepends=True))
 
-    def _report(self, data: bytes, module: str, name: str) -> bool:
-        return self._crashes is not None and self._crashes.keep(module, name, data)
+    def _report(self, data: bytes, module: str, name: str) -> None:
+        if self._crashes is not None:
+            self._crashes.keep(module, name, data)
 
-    def _replace(self, data: bytes, path: str) -> bool:
+    def _replace(self, data: bytes, path: str) -> None:
         write_private(Path(path), data)
-        return True
 
-    def _remove(self, _data: bytes, path: str) -> bool:
+    def _remove(self, _data: bytes, path: str) -> None:
         shutil.rmtree(path, ignore_errors=True)
-        return not os.path.lexists(path)
 
 
 def serve(orders: BinaryIO, answers: int) -> None:
@@ -94,10 +95,10 @@ def serve(orders: BinaryIO, answers: int) -> None:
         data = orders.read(length)
         if len(data) < length:
             break  # the supervisor was killed while it sent the order
-        answer = DONE if writer.carry_out(order, data) else REFUSED
+        answer = writer.carry_out(order, data)
         if answers >= 0:
             try:
-                os.write(answers, answer)
+                os.write(answers, bytes([min(answer, 255)]))
             except OSError:
                 answers = -1  # the supervisor has ended
     writer.close()

@@ -50,7 +50,8 @@ def test_module_that_cannot_be_imported_fails(workspace: Path, capsys: pytest.Ca
         {
             "check": "modules",
             "level": "fail",
-            "found": "broken cannot be imported: ModuleNotFoundError: No module named 'no_such_package'",
+            "found": "broken cannot be imported: ModuleNotFoundError: No module named 'no_such_package' "
+            "(broken.py:1)",
             "advice": "install what is missing: pip install",
         }
     ]

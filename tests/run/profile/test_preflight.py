@@ -457,3 +457,13 @@ def test_clock_that_cannot_be_followed_is_explained(
     robot.write("demo", f"modules: {{{modules}}}\nclock: {{{clock}}}")
     with pytest.raises(ProfileError, match=f"demo.yaml:2: clock.follow: {problem}"):
         robot.load()
+
+
+def test_processors_that_this_machine_lacks_are_refused_before_the_start(robot: Robot) -> None:
+    robot.write_code("mods", "from base_of_modules import Base\nclass Camera(Base): pass")
+    robot.write("demo", "modules:\n  camera:\n    class: mods:Camera\n    scheduling: {cpus: [100000]}\n")
+    with pytest.raises(ProfileError) as caught:
+        runnable(robot.load(), robot.preflight())
+    assert str(caught.value).startswith(
+        "profiles/demo.yaml:4: modules.camera.scheduling.cpus: [100000], but this machine lets it use only 0"
+    )

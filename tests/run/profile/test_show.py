@@ -114,7 +114,7 @@ def test_code_that_cannot_be_imported_is_a_warning(robot: Robot, capsys: Out) ->
     robot.write_code("mapping", "raise OSError('no lens')")
     assert main(["profile", "show", "demo"]) == 0
     out, err = capsys.readouterr()
-    assert err == "warning: module mapping cannot be imported: OSError: no lens\n"
+    assert err == "warning: module mapping cannot be imported: OSError: no lens (mapping.py:1)\n"
     assert "resolution_m: 0.001" in out
 
 

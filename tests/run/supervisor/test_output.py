@@ -127,7 +127,7 @@ def test_log_line_has_time_incarnation_and_stream(tmp_path: Path, recorder: Reco
 def test_log_never_takes_more_disk_than_its_bound(tmp_path: Path) -> None:
     file = RotatingFile(tmp_path / "a.log", max_bytes=100, files=3)
     for number in range(100):
-        assert file.write(b"%029d\n" % number)
+        file.write(b"%029d\n" % number)
         assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 300
     file.close()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.1.log", "a.2.log", "a.log"]
@@ -138,7 +138,7 @@ def test_log_never_takes_more_disk_than_its_bound(tmp_path: Path) -> None:
 def test_log_of_one_file_starts_again_when_full(tmp_path: Path) -> None:
     file = RotatingFile(tmp_path / "a.log", max_bytes=10, files=1)
     for _ in range(5):
-        assert file.write(b"12345678")
+        file.write(b"12345678")
     file.close()
     assert (tmp_path / "a.log").read_bytes() == b"12345678"
 
@@ -224,3 +224,15 @@ def test_child_that_closes_its_output_continues(tmp_path: Path) -> None:
 
     assert run.play(scenario()) == 0
     assert run.states("closes_output") == [ChildState.STARTING, ChildState.RUNNING, ChildState.STOPPED]
+
+
+def test_disk_that_refuses_is_told_once_with_its_reason(recorder: Recorder) -> None:
+    (recorder.store.folder / "child.jsonl").mkdir()
+    for _ in range(3):
+        recorder.output.say(Kind.INFO, "lost")
+    assert recorder.store.flush()
+    assert recorder.store.turn() == (
+        f"{recorder.store.folder} does not take what the run writes (Is a directory): 3 pieces of it are lost"
+    )
+    assert recorder.store.turn() == ""
+    assert recorder.store.disk.refused == recorder.output.dropped == 3

@@ -13,6 +13,7 @@ from robbie_mp.run.supervisor import supervised_child
 from robbie_mp.run.supervisor.child_spec import ChildSpec, InvalidChild
 from robbie_mp.run.supervisor.process import ChildProcess
 from robbie_mp.run.supervisor.states import ChildState
+from robbie_mp.run.supervisor.supervised_child import BY_ITSELF
 from robbie_mp.run.supervisor.tree import ECHO_S
 from tests.run.supervisor._support import zoo
 from tests.run.supervisor._support.running import ALWAYS, NEVER, Run, Scenario, animal, core
@@ -133,7 +134,7 @@ def test_module_that_should_end_the_run_but_failed_ends_it_with_1(tmp_path: Path
 def test_run_ends_when_all_modules_have_ended_with_success(tmp_path: Path) -> None:
     run = Run(tmp_path, core(), animal(zoo.ends_when_ready, "one"), animal(zoo.ends_when_ready, "two"))
     assert run.play() == 0
-    assert run.last("one").reason == "exit code 0"
+    assert run.last("one").reason == f"exit code 0: {BY_ITSELF}"
     assert run.last("core").new is STOPPED
 
 
@@ -190,7 +191,7 @@ def test_child_that_is_not_ready_in_time_is_killed_and_restarted(tmp_path: Path)
     run = Run(tmp_path, animal(zoo.is_never_ready, start_deadline_s=0.05))
     assert run.play() == 1
     assert run.states("is_never_ready") == [STARTING, BACKOFF, STARTING, BACKOFF, STARTING, FAILED]
-    assert run.last("is_never_ready").reason.startswith("not ready within 0.05 s: killed by SIGKILL")
+    assert run.last("is_never_ready").reason.startswith("not ready within 0.05 s: killed by SIGABRT")
 
 
 def test_start_deadline_begins_when_the_clocks_source_has_set_the_time(tmp_path: Path) -> None:
@@ -211,7 +212,7 @@ def test_start_deadline_begins_when_the_clocks_source_has_set_the_time(tmp_path:
         run.tree.stop("seen enough")
 
     assert run.play(scenario()) == 1
-    assert run.last("is_never_ready").reason.startswith("not ready within 0.05 s: killed by SIGKILL")
+    assert run.last("is_never_ready").reason.startswith("not ready within 0.05 s: killed by SIGABRT")
 
 
 def test_child_that_ignores_sigterm_is_killed_after_its_grace(tmp_path: Path) -> None:
