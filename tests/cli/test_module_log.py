@@ -41,7 +41,7 @@ def test_last_crash_is_the_newest_report(written: Path) -> None:
         crash = CrashReport(
             "laser", incarnation, 7, 1e9 + incarnation, 1.0, reason, None, 11, 0.1, [], words, said, []
         )
-        assert reports.keep(crash.module, report_name(crash), crash.to_json())
+        reports.keep(crash.module, report_name(crash), crash.to_json())
         place = report_place(crash)
         text = f"crashed in tick: {reason}"
         write(written, entry(incarnation, text, traceback="\n".join(crash.lines()), crash_report=place))
