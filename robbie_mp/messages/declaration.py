@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from types import NoneType
 from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
 
 from robbie_mp.messages.errors import DeclarationError
@@ -24,7 +25,7 @@ from robbie_mp.messages.field_types import (
     constant_array,
 )
 from robbie_mp.messages.fitting import fit
-from robbie_mp.messages.primitives import primitive_of
+from robbie_mp.messages.primitives import primitive_of, spelled
 
 TYPE_NAME = re.compile(r"[A-Za-z]\w*/(msg|srv|action)/[A-Za-z]\w*")
 TAKEN_NAMES = frozenset(
@@ -95,7 +96,9 @@ def read_declaration(
             f'class {class_name}(Message, name="package_name/msg/{class_name}")'
         )
     fields, constants = list(leading), []
-    for name, annotation in _annotations(class_name, namespace).items():
+    annotations = _annotations(class_name, namespace)
+    _refuse_untyped(class_name, namespace, annotations)
+    for name, annotation in annotations.items():
         if get_origin(annotation) is ClassVar:
             constants += _constant(name, get_args(annotation)[0], namespace)
         elif any(name == field.name for field in leading):
@@ -107,9 +110,11 @@ def read_declaration(
 
 def read_fields(class_name: str, namespace: Mapping[str, Any]) -> tuple[Field, ...]:
     """Return the fields that the namespace of a template's body declares."""
+    annotations = _annotations(class_name, namespace)
+    _refuse_untyped(class_name, namespace, annotations)
     return tuple(
         _field(class_name, class_name, name, annotation, namespace)
-        for name, annotation in _annotations(class_name, namespace).items()
+        for name, annotation in annotations.items()
     )
 
 
@@ -124,6 +129,35 @@ def _annotations(class_name: str, namespace: Mapping[str, Any]) -> dict[str, Any
         raise DeclarationError(
             f"{class_name}: {error}; the types of fields must be defined before the class"
         ) from error
+
+
+def _refuse_untyped(class_name: str, namespace: Mapping[str, Any], typed: Collection[str]) -> None:
+    """Refuse a value without a type, which would be no field, unless it is clearly meant to be none.
+
+    Raises:
+        DeclarationError: there is one.
+    """
+    for name, value in namespace.items():
+        is_private_or_constant = name.startswith("_") or name.isupper()
+        is_code = callable(value) or hasattr(type(value), "__get__")
+        if name in typed or is_private_or_constant or is_code:
+            continue
+        if name == "version":
+            advice = f"write class {class_name}(Message, name=…, version={value!r:.60})"
+        else:
+            advice = f"so it is no field; write `{name}: {_type_for(value)} = {value!r:.60}`, or ClassVar"
+        raise DeclarationError(f"{class_name}.{name} has no type, {advice}")
+
+
+def _type_for(value: object) -> str:
+    """Return the type of a field that may be meant by its default."""
+    if isinstance(getattr(value, "_layout", None), MessageLayout):
+        return type(value).__name__
+    if isinstance(value, list | tuple) or hasattr(value, "dtype"):
+        return "Array[float64]"
+    return {"bool": "bool", "int": "int32", "float": "float64", "str": "str"}.get(
+        type(value).__name__, "TYPE"
+    )
 
 
 def _constant(name: str, annotation: Any, namespace: Mapping[str, Any]) -> list[Constant]:
@@ -185,7 +219,7 @@ def field_type(path: str, annotation: Any) -> FieldType:
         return _items(path, get_args(annotation)[0])
     if isinstance(layout := getattr(annotation, "_layout", None), MessageLayout):
         return Nested(layout)
-    raise DeclarationError(f"{path}: {annotation!r} has no encoding; {_advice(annotation)}")
+    raise DeclarationError(f"{path}: {spelled(annotation)} has no encoding; {_advice(annotation)}")
 
 
 def _limited(path: str, kind: FieldType, note: FixedLength | MaxLength) -> FieldType:
@@ -212,4 +246,8 @@ def _advice(annotation: Any) -> str:
         return "say which integer: int8 to int64, uint8 to uint64"
     if annotation is float:
         return "say which float: float32 or float64"
+    if NoneType in get_args(annotation):
+        return "a message has no null: use NaN or an empty list, or a bool beside it"
+    if dict in (annotation, get_origin(annotation)):
+        return "use a list of messages, each with a key and a value"
     return "fields are primitives, bool, str, Array[…], list[…] of strings or messages, and messages"

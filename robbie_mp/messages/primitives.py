@@ -6,7 +6,8 @@ from them. Plain `bool` and `str` can be used directly.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,31 @@ def primitive_of(annotation: object) -> Primitive | None:
     return None
 
 
+def spelled(annotation: object) -> str:
+    """Return an annotation as its author writes it: `float32 | None`, `Array[uint8]`, `Header`."""
+    primitive = primitive_of(annotation)
+    if primitive is not None:
+        return primitive.name
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _spelled_with_notes(arguments[0], arguments[1:])
+    if origin in (Union, UnionType):
+        return " | ".join(map(spelled, arguments))
+    name = getattr(origin or annotation, "__name__", None)
+    if not isinstance(name, str) or origin is Literal:
+        return repr(annotation)
+    name = "None" if annotation is NoneType else name
+    return f"{name}[{', '.join(map(spelled, arguments))}]" if arguments else name
+
+
+def _spelled_with_notes(plain: object, notes: tuple[Any, ...]) -> str:
+    numbers = next((note for note in notes if isinstance(note, Numbers)), None)
+    if numbers is None:
+        return f"Annotated[{spelled(plain)}, {', '.join(map(repr, notes))}]"
+    length = "" if numbers.length is None else f", {numbers.length}"
+    return f"Array[{numbers.element}{length}]"
+
+
 if TYPE_CHECKING:
     from typing_extensions import TypeAliasType, TypeVar
 
@@ -69,7 +95,7 @@ else:
             primitive = primitive_of(element)
             if primitive is None:
                 raise DeclarationError(
-                    f"Array[{element!r}]: an array holds a primitive such as float32; "
+                    f"Array[{spelled(element)}]: an array holds a primitive such as float32; "
                     "write list[…] for strings and messages"
                 )
             return Annotated[np.ndarray, Numbers(primitive, length)]

@@ -63,7 +63,7 @@ CODE = {
     ),
     "integer": (
         "class S(Message, name='bot/msg/A'):\n    x: int\nclass M(Module): pass",
-        "5: DeclarationError: S.x: <class 'int'> has no encoding; say which integer: int8 to int64",
+        "5: DeclarationError: S.x: int has no encoding; say which integer: int8 to int64",
     ),
     "unnamed": (
         "class S(Message):\n    x: float64\nclass M(Module): pass",
@@ -73,13 +73,17 @@ CODE = {
         "class S(Message, name='S'):\n    x: float64\nclass M(Module): pass",
         "5: DeclarationError: S: its ROS name is 'S'; write class S(Message, name=\"package_name/msg/S\")",
     ),
+    "untyped_field": (
+        "class S(Message, name='bot/msg/G'):\n    x = 3.0\nclass M(Module): pass",
+        "5: DeclarationError: S.x has no type, so it is no field; write `x: float64 = 3.0`, or ClassVar",
+    ),
     "list_of_numbers": (
         "class S(Message, name='bot/msg/B'):\n    x: list[float64]\nclass M(Module): pass",
         "5: DeclarationError: S.x: write Array[float64] for a sequence of numbers",
     ),
     "dictionary": (
         "class S(Message, name='bot/msg/C'):\n    x: dict\nclass M(Module): pass",
-        "5: DeclarationError: S.x: <class 'dict'> has no encoding; fields are primitives, bool, str",
+        "5: DeclarationError: S.x: dict has no encoding; use a list of messages, each with a key and a value",
     ),
     "default": (
         "class S(Message, name='bot/msg/D'):\n    x: uint8 = 300\nclass M(Module): pass",

@@ -79,7 +79,7 @@ def test_only_types_with_numpy_arrays_in_them_have_views() -> None:
         (float, "say which float"),
         (list[float32], "write Array"),
         (list[list[str]], "sequences of sequences"),
-        (dict[str, str], "fields are"),
+        (dict[str, str], "use a list of messages"),
         (object, "fields are"),
         (Annotated[float32, MaxLength(3)], "does not apply to a float32"),
         (Annotated[str, FixedLength(3)], "does not apply to a string"),
@@ -148,3 +148,69 @@ def test_importing_the_messages_makes_nothing_for_their_encoding() -> None:
         "assert not any(isinstance(each, Codec) for each in gc.get_objects())"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+class NumberedList(list[Any]):
+    """Can be no field."""
+
+
+@pytest.mark.parametrize(
+    ("annotation", "written"),
+    [
+        (float32 | None, r"float32 \| None has no encoding; a message has no null: use NaN"),
+        (dict[str, uint8], r"dict\[str, uint8\] has no encoding; use a list of messages, each with a key"),
+        (dict, "dict has no encoding"),
+        (set[Array[uint8]], r"set\[Array\[uint8\]\] has no encoding"),
+        (tuple[Annotated[str, MaxLength(3)], ...], r"tuple\[Annotated\[str, MaxLength\(length=3\)\], "),
+        (NumberedList, "NumberedList has no encoding"),
+        (3, "3 has no encoding"),
+    ],
+)
+def test_refused_type_is_named_as_its_author_wrote_it(annotation: object, written: str) -> None:
+    with pytest.raises(DeclarationError, match=f"Sample.field: {written}") as refused:
+        declare(annotation)
+    assert "Primitive" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "written"),
+    [
+        ("v", 3.0, "Sample.v has no type, so it is no field; write `v: float64 = 3.0`, or ClassVar"),
+        ("count", 3, "write `count: int32 = 3`"),
+        ("is_ok", True, "write `is_ok: bool = True`"),
+        ("word", "a", "write `word: str = 'a'`"),
+        ("items", [1.0], "write `items: Array\\[float64\\] = "),
+        ("header", Header(), "write `header: Header = "),
+        ("nothing", None, "write `nothing: TYPE = None`"),
+        ("version", 2, "write class Sample\\(Message, name=…, version=2\\)"),
+    ],
+)
+@pytest.mark.parametrize("template", [False, True])
+def test_value_without_a_type_is_no_field_and_refused(
+    name: str, value: object, written: str, template: bool
+) -> None:
+    metaclass: Any = type(Message)
+    with pytest.raises(DeclarationError, match=written):
+        metaclass("Sample", (Message,), {name: value}, name="test_msgs/msg/Sample", template=template)
+
+
+def test_constants_methods_and_private_names_need_no_type() -> None:
+    class Sample(Message, name="test_msgs/msg/Sample"):
+        FULL = 4
+        TOO_NEAR_2 = 5
+        _kept = 3
+        limit: ClassVar[Any] = object()
+        x: float32
+
+        @property
+        def double(self) -> float:
+            return 2.0 * self.x
+
+        @staticmethod
+        def make() -> "Sample":
+            return Sample(x=2.0)
+
+        class Inner:
+            """Belongs to it."""
+
+    assert Sample.make().double + Sample.FULL + Sample._kept == 11.0

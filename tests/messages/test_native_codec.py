@@ -10,7 +10,7 @@ from decimal import Decimal
 from enum import Enum, IntEnum
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -365,7 +365,7 @@ def test_a_message_without_a_value_is_refused_alike() -> None:
 
 def test_a_class_may_have_functions_of_its_own() -> None:
     class Counted(Message, name="test_msgs/msg/Counted"):
-        made = 0
+        made: ClassVar[int] = 0
         number: uint8 = 0
 
         def __init__(self, **fields: object) -> None:
