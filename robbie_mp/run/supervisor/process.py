@@ -141,7 +141,10 @@ class ChildProcess:
     @property
     def is_stopped(self) -> bool:
         """Whether a signal such as SIGSTOP has stopped it."""
-        return os.waitid(P_PIDFD, self.pidfd, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+        try:
+            return os.waitid(P_PIDFD, self.pidfd, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+        except ChildProcessError:  # it has ended, perhaps since `exit_status` was asked: it will never stop
+            return False
 
     def terminate(self) -> None:
         """Send SIGTERM; also continue a stopped process, which could not handle it otherwise."""

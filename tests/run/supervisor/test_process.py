@@ -63,6 +63,12 @@ def test_every_kind_of_end_is_described(code: str, reason: str, is_clean: bool) 
         assert process.exit_status() == status, "asking did not reap it"
 
 
+def test_child_that_has_just_ended_is_not_stopped() -> None:
+    with started("pass") as process:
+        ended(process)
+        assert not process.is_stopped
+
+
 def test_child_leads_a_separate_session() -> None:
     with started("import os; print(os.getsid(0), os.getpgid(0))") as process:
         assert output(process).split() == [str(process.pid)] * 2
