@@ -1,0 +1,176 @@
+"""A node, the bridge, the core and a program's child die in turn, beside a real node; see `make ros`.
+
+With `--exhaustive`, 500 times; `-s` shows the figures.
+"""
+
+import os
+import random
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from tests._support.robot import Robot, kill, wait_until
+from tests.connect.ros2._support import among_deaths, fibonacci
+from tests.connect.ros2._support.ros_nodes import WHEELS, RosNode, ros_node
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(7200)]
+DOMAIN = 216 + os.getpid() % 14
+DEATHS, ALL_DEATHS = 8, 500
+QUIET_S = 10.0
+CORE_REST_S = 11.0
+"""After this time the core has its full budget of restarts again."""
+LIMIT_S = 10.0
+"""How long the node waits for a response or a result: ROS has no error for a server that has died."""
+PROFILE = """
+modules:
+  rabbits: {class: "zoo.fibonacci:Rabbits"}
+  answerer: {class: "zoo.among_deaths:Answerer"}
+  caller: {class: "zoo.among_deaths:Caller", settings: {journal: caller.txt}}
+  camera: {class: "zoo.among_deaths:Camera"}
+  beat: {class: "zoo.among_deaths:Beat"}
+  neighbour: {class: "zoo.among_deaths:Neighbour", settings: {journal: neighbour.txt}}
+  shell:
+    program: [sh, -c, "sleep 100000 & wait"]
+    restart: {policy: always, max_restarts: 1000}
+  ros2:
+    class: "robbie_mp.connect.ros2.module:Ros2Bridge"
+    settings:
+      middleware: dds
+      domain: DOMAIN
+      parameters: none
+      send: {Image camera: /image depth=1}
+      accept: {/back: Image back depth=1}
+      services: {/ping: "Ping {}"}
+      actions: {/fibonacci: Fibonacci}
+      calls: {/node/ping: Trigger}
+    restart: {policy: always, max_restarts: 1000}
+"""
+
+
+class Killer:
+    """A robot, a node beside it, and what has died."""
+
+    def __init__(self, robot: Robot, distribution: str, domain: int, folder: Path, stack: ExitStack):
+        self.robot, self.folder = robot, folder
+        self._distribution, self._domain, self._stack = distribution, domain, stack
+        self.deaths: Counter[str] = Counter()
+        self.nodes = 0
+        self._core_rests_until_s = 0.0
+        self.node = self._start_node()
+
+    def _start_node(self) -> RosNode:
+        self.nodes += 1
+        node = self._stack.enter_context(ros_node(self._distribution, self._domain, self.folder))
+        path = str(self.folder / f"node-{self.nodes}.txt")
+        node.run(among_deaths.NODE, path=path, limit_s=LIMIT_S)
+        return node
+
+    def kill(self, victim: str) -> None:
+        """Kill, and wait until it runs again."""
+        self.deaths[victim] += 1
+        if victim == "node":
+            self.node.kill()
+            self.node = self._start_node()
+            return
+        name = "shell" if victim == "child" else victim
+        before = self.robot.top()[name]
+        if victim == "child":
+            tree = psutil.Process(before["pid"]).children(recursive=True)
+            kill(next(one.pid for one in tree if one.name() == "sleep"))
+        else:
+            kill(before["pid"])
+        if victim == "core":
+            self._core_rests_until_s = time.monotonic() + CORE_REST_S
+        self.robot.until(lambda top: top[name]["pid"] != before["pid"] and top[name]["state"] == "RUNNING")
+
+    def victims(self) -> list[str]:
+        """Return what may die now."""
+        core = ["core"] if time.monotonic() > self._core_rests_until_s else []
+        return ["node", "ros2", "child", *core]
+
+
+def events(file: Path) -> dict[tuple[str, str], list[str]]:
+    """Return what a journal says of each request."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for line in file.read_text().splitlines():
+        kind, number, event = line.split()
+        if kind != "image":
+            found.setdefault((kind, number), []).append(event)
+    return found
+
+
+def p99_s(file: Path, since_s: float, until_s: float) -> float:
+    """Return the neighbours' latency in a time."""
+    lines = [tuple(map(float, line.split())) for line in file.read_text().splitlines()]
+    return float(np.percentile([late_s for at_s, late_s in lines if since_s <= at_s < until_s], 99))
+
+
+@pytest.fixture(params=WHEELS)
+def killer(
+    request: pytest.FixtureRequest, robot: Robot, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Killer]:
+    domain = DOMAIN + WHEELS.index(request.param)
+    for module in (fibonacci, among_deaths):
+        path = Path(module.__file__ or "")
+        (robot.folder / "zoo" / path.name).write_text(path.read_text())
+    robot.write_profile(PROFILE.replace("DOMAIN", str(domain)))
+    robot.start()
+    robot.until(lambda top: all(one["state"] == "RUNNING" for one in top.values()))
+    with ExitStack() as stack:
+        yield Killer(robot, request.param, domain, tmp_path_factory.mktemp("nodes"), stack)
+
+
+def test_each_request_has_one_reply_or_one_error_whoever_dies(
+    killer: Killer, request: pytest.FixtureRequest
+) -> None:
+    robot, chance = killer.robot, random.Random(5)
+    journal, caller = robot.folder / "neighbour.txt", robot.folder / "caller.txt"
+    wait_until(lambda: int(robot.top()["camera"]["status"].partition(" ")[0] or 0) > 3)
+    quiet_s = time.monotonic()
+    wait_until(lambda: time.monotonic() > quiet_s + QUIET_S)
+    began_s = time.monotonic()
+    wanted = ALL_DEATHS if request.config.getoption("--exhaustive") else DEATHS
+    while killer.deaths.total() < wanted and time.monotonic() < began_s + longest_s():
+        killer.kill(chance.choice(killer.victims()))
+        until_s = time.monotonic() + chance.expovariate(1.0)
+        wait_until(lambda until_s=until_s: time.monotonic() > until_s)  # type: ignore[misc]
+    ended_s = time.monotonic()
+    killer.node.run(among_deaths.END)
+    asked = max(int(number) for _, number in events(caller))
+    wait_until(
+        lambda: all(len(found) == 2 for (_, one), found in events(caller).items() if int(one) <= asked)
+    )
+
+    quiet, busy = p99_s(journal, quiet_s, began_s), p99_s(journal, began_s, ended_s)
+    came_back, wrong = map(int, robot.top()["camera"]["status"].split())
+    counted = Counter(
+        (kind, found[-1]) for (kind, number), found in events(caller).items() if int(number) <= asked
+    )
+    cut_off: Counter[str] = Counter()
+    for index in range(1, killer.nodes + 1):
+        for (kind, number), found in events(killer.folder / f"node-{index}.txt").items():
+            assert found[1:] in (["reply"], ["error"]) or (found == ["sent"] and index < killer.nodes), (
+                kind,
+                number,
+                found,
+            )
+            counted[kind, found[-1]] += 1
+            cut_off[f"{kind} {index}"] += found == ["sent"]
+    print(f"\ndeaths: {dict(killer.deaths)} in {ended_s - began_s:.0f} s; requests: {dict(counted)}")
+    print(f"images back: {came_back}; p99 of neighbours: {quiet * 1e3:.2f} ms, then {busy * 1e3:.2f} ms")
+    assert all(
+        count <= 1 for count in cut_off.values()
+    )  # one at a time: what the node that died had asked for
+    assert not wrong
+    assert counted["call", "reply"] and counted["ping", "reply"] and counted["goal", "reply"]
+
+
+def longest_s() -> float:
+    """Return the time after which no more is killed: `ROBBIE_DEATHS_S`, in s."""
+    return float(os.environ.get("ROBBIE_DEATHS_S", "7000"))
