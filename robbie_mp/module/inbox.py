@@ -167,9 +167,10 @@ class Inbox:
                     f"message {delivery.sequence} lies beyond the end of its publisher's memory"
                 )
             if self._history is not None:
-                place = delivery.channel | delivery.declaration << 32
-                values = place, delivery.sequence, delivery.source, delivery.stamp_ns
-                self._history.append(Event.MESSAGE, begun_ns, *values, view)
+                self._history.append(
+                    Event.MESSAGE, begun_ns, delivery.channel | delivery.declaration << 32,
+                    delivery.sequence, delivery.source, delivery.stamp_ns, view,
+                )  # fmt: skip
             if decoder.has_views and (not self._pins or self._may_pin(delivery)):
                 whole = np.frombuffer(view, np.uint8)
                 unreferenced, reference = self._unreferenced, delivery.reference
@@ -185,7 +186,11 @@ class Inbox:
             is_lost = True
             self.tell_lost(error)
         else:
-            handler(message)
+            try:
+                handler(message)
+            except BaseException:
+                pin = None  # nothing is pinned; in Python 3.14, the message may die before the weak reference
+                raise
             del message
         self._current = None
         if is_lost or self._words[layout.OUT_ILL_FORMED] != ill_formed_before:

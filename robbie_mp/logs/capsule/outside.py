@@ -1,6 +1,7 @@
 """What a module takes from elsewhere: in a replay it gets the time of then, and the rest is named."""
 
 import os
+import pathlib
 import random
 import re
 import sys
@@ -109,6 +110,8 @@ class Outside:
         for module, name in ((os, "urandom"), (random, "_urandom")):
             setattr(module, name, self.noting(getattr(module, name), lambda *_: CHANCE))
         os.stat = self.noting(os.stat, self._file)
+        if accessor := getattr(pathlib, "_NormalAccessor", None):  # Python 3.10 keeps a reference of its own
+            accessor.stat = staticmethod(os.stat)
         random.Random.seed = self.noting(  # type: ignore[method-assign]
             random.Random.seed, lambda _, seed=None, *__: CHANCE if seed is None else ""
         )

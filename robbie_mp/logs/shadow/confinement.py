@@ -4,6 +4,7 @@ This catches what a module does by mistake or because it is a driver. It is no d
 to get around it: such code should not be run on a robot at all.
 """
 
+import multiprocessing
 import os
 import sys
 from collections.abc import Callable
@@ -61,11 +62,13 @@ def confine(folder: str) -> None:
             _check_open(arguments, allowed)
         elif event in CHANGES:
             for path in arguments[: CHANGES[event]]:
-                if isinstance(path, str | bytes | os.PathLike) and path != IN_MEMORY:
+                if isinstance(path, str | bytes | os.PathLike) and os.fsdecode(path) != IN_MEMORY:
                     _check_place(_real(path), allowed, "change")
         elif event in REFUSED:
             raise NotForAShadow(f"a shadow must not reach {REFUSED[event]} ({event})")
 
+    # Locks, also those of thread pools, then need no helper process, as Python 3.14 starts one otherwise.
+    multiprocessing.set_start_method("fork", force=True)
     sys.addaudithook(check)
     for name, what in UNHEARD.items():
         module, _, function = name.rpartition(".")
