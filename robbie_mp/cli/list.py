@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 PAST = "past_publishers"
 """Key of a topic's modules that do not publish now, with their states: they have ended."""
-RENAMED, HEALTH = "renamed", "health"
+RENAMED, HEALTH, REASON = "renamed", "health", "reason"
 LATCHED, KEPT = "latched", "latched_bytes"
 """Keys of a topic: whether it is latched, and the size of the message that the core keeps of it."""
 NO_STATES = "starting, or of another version of Robbie-MP"
@@ -103,6 +103,7 @@ def _modules(run: KnownRun) -> list[Row]:
                 "restarts": module.restarts,
                 HEALTH: module.health,
                 "status": said(module),
+                REASON: module.reason if state_name(module) in ("BACKOFF", "FAILED") else "",
                 RENAMED: renamed_topics(module.renamed),
             }
             for module in observer.modules()[1:]
@@ -207,7 +208,7 @@ def _with_kept_bytes(row: Row) -> Row:
 
 LEFT_OUT = ("version", "bytes", "pid", RENAMED, "topics", LATCHED, "subscribers", "publishers", "restarts")
 """Columns that a narrow terminal does not show, the least important one first."""
-SHRINKING = ("type", "topic", "status", RENAMED, HEALTH)
+SHRINKING = ("type", "topic", "status", RENAMED, HEALTH, REASON)
 """Columns of texts that are shortened on a narrow terminal, as lists are."""
 
 
@@ -215,7 +216,7 @@ def _print(rows: Sequence[Row]) -> None:
     table = PlainTable()
     if PAST in rows[0]:
         rows = [_with_kept_bytes(_with_past_publishers(row)) for row in rows]
-    unused = {heading for heading in (RENAMED, HEALTH) if not any(row.get(heading) for row in rows)}
+    unused = {heading for heading in (RENAMED, HEALTH, REASON) if not any(row.get(heading) for row in rows)}
     rows = [{heading: value for heading, value in row.items() if heading not in unused} for row in rows]
     for heading, value in rows[0].items():
         table.add_column(

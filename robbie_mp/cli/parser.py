@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from robbie_mp.base.suggest import did_you_mean
 
@@ -22,6 +22,13 @@ class Parser(argparse.ArgumentParser):
             near = did_you_mean(str(value), known) or f"; there are {', '.join(known)}"
             kind = action.metavar.lower() if isinstance(action.metavar, str) else "possible choice"
             raise argparse.ArgumentError(None, f"{value!r} is no {kind}{near}")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, and refuse what is left over here, where the help of this very command is named."""
+        parsed, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return parsed, unknown
 
     def error(self, message: str) -> NoReturn:
         """Print the error and how to get help, and exit."""

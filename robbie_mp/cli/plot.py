@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from argparse import _SubParsersAction
 
 FRAME_S = 0.2
+WINDOW_S, ONCE_S = 30.0, 1.0
+"""The time that is shown, live and with --once, unless the user says it."""
 COLOURS = ["cyan", "orange", "green", "magenta", "red", "blue"]
 ADVICE = "`pip install matplotlib 'plotext<6'`"
 WIDTH, HEIGHT = 100, 30
@@ -84,7 +86,10 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     fields = parser.add_argument("fields", metavar="TOPIC.FIELD", nargs="+", help="what to draw")
     fields.completer = completers.published_topics  # type: ignore[attr-defined]
     parser.add_argument(
-        "--window", metavar="TIME", type=time_between(1, 3600), default=30.0, help="time that is shown (30s)"
+        "--window",
+        metavar="TIME",
+        type=time_between(1, 3600),
+        help="time that is shown (30s; with --once: 1s)",
     )
     parser.add_argument("--once", action="store_true", help="print the chart after one window, and exit")
     recording = parser.add_argument(
@@ -105,6 +110,8 @@ def plot(arguments: argparse.Namespace) -> int:
         raise refuse("-o needs --recording: `robbie record` makes one")
     if not (arguments.once or sys.stdout.isatty()):
         raise refuse("robbie plot needs a terminal; use --once, or --recording with -o")
+    if arguments.window is None:
+        arguments.window = ONCE_S if arguments.once else WINDOW_S
     return _plot_run(choose_run(arguments.run), arguments)
 
 
@@ -141,6 +148,7 @@ def _plot_run(run: KnownRun, arguments: argparse.Namespace) -> int:
         if arguments.once:
             *_, now_s = frames
             _print(draw(series, WIDTH, HEIGHT, _shown(now_s, arguments.window)))
+            print(f"({arguments.window:g} s; --window TIME for another time)", file=sys.stderr)
             return 0
         os.nice(10)  # drawing takes processor time, and the robot comes first
         with _screen() as show:

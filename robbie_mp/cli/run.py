@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import resource
 import sys
 import time
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.run_figures import as_data
 from robbie_mp.base.balance import Balance
+from robbie_mp.base.problem import refuse
 from robbie_mp.bus.checkpoint.file import checkpoint_file, set_aside
 from robbie_mp.cli.clean import recover_power_losses, sweep_dead_runs
 from robbie_mp.cli.log_files import LEFT_OUT, print_balance
@@ -21,6 +23,7 @@ from robbie_mp.cli.run_summary import print_summary
 from robbie_mp.cli.screen import RunScreen
 from robbie_mp.logs.black_box.salvage import salvage
 from robbie_mp.logs.black_box.spool import spool_folders
+from robbie_mp.run.doctor.needs import Needs
 from robbie_mp.run.profile.model import BLACK_BOX, Profile
 from robbie_mp.run.profile.preflight import Preflight, preflight, runnable, what_failed
 from robbie_mp.run.profile.workspace import is_class
@@ -82,6 +85,7 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run a profile."""
     profile, findings = check(load(arguments).with_black_box())
+    _check_descriptors(profile)
     if arguments.fresh:
         _set_checkpoints_aside(profile)
     if arguments.reload:
@@ -169,6 +173,21 @@ def run_robot(
     if balance.read:
         print_balance(result.output_directory, balance, file=sys.stderr if arguments.json else sys.stdout)
     return result.exit_code or (LEFT_OUT if balance.left_out else 0)
+
+
+def _check_descriptors(profile: Profile) -> None:
+    """Refuse to start a robot whose processes may not open what they need.
+
+    Raises:
+        ProfileError: they may not.
+    """
+    limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    needed = Needs.of(profile).descriptors_to_start
+    if limit not in (resource.RLIM_INFINITY, -1) and limit < needed:
+        raise refuse(
+            f"{profile.name} takes {needed} open files to start, and a process may have {limit}: "
+            f"`ulimit -n {needed}`; see `robbie doctor {profile.name}`"
+        )
 
 
 def _end_black_box(run_id: str, folder: Path) -> None:

@@ -108,7 +108,7 @@ class Setting:
 
     def describe(self) -> str:
         """Return type and limits in words, as "float, at least 0.01"."""
-        return describe(self.declared_type) + describe_limits(self.limits)
+        return describe(self.declared_type) + describe_limits(self.limits, self.name)
 
     def outline(self) -> dict[str, Any]:
         """Return type and limits as plain data; see `value_check.outline`."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
-from robbie_mp.base.amount import BadAmount, plain_amount
+from robbie_mp.base.amount import SIZES, BadAmount, plain_amount
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.stock_robots import stock_path
 from robbie_mp.module.secret import Secret, SecretError, read_secret
@@ -76,7 +76,7 @@ def check_value(
         }
     if declared in (int, float) and isinstance(value, str):
         value = _number(declared, value, limits, name)
-    return _check_scalar(declared, value, limits, folder)
+    return _check_scalar(declared, value, limits, folder, name)
 
 
 def describe(declared: Any) -> str:
@@ -161,20 +161,20 @@ def _number(declared: Any, text: str, limits: ValueLimits, name: str) -> object:
         number = plain_amount(name, text)
     except BadAmount:
         example = "300M" if name.endswith("bytes") else "20ms"
-        expected = f"{describe(declared)}{describe_limits(limits)}, or with its unit, as in {example}"
+        expected = f"{describe(declared)}{describe_limits(limits, name)}, or with its unit, as in {example}"
         raise _mismatch(expected, text) from None
     if number is None:
         return text
     return int(number) if declared is int and number == int(number) else number
 
 
-def _check_scalar(declared: Any, value: object, limits: ValueLimits, folder: Path | None) -> Any:
+def _check_scalar(declared: Any, value: object, limits: ValueLimits, folder: Path | None, name: str) -> Any:
     if declared is Secret:
         try:
             return read_secret(value, folder)
         except SecretError as error:
             raise ValueMismatch(str(error)) from None
-    expected = describe(declared) + describe_limits(limits)
+    expected = describe(declared) + describe_limits(limits, name)
     if _is_text_enum(declared):
         if not isinstance(value, str) or value not in list(declared):
             raise _mismatch(expected, value)
@@ -218,13 +218,29 @@ def _within(value: float, limits: ValueLimits) -> bool:
     )
 
 
-def describe_limits(limits: ValueLimits) -> str:
-    """Return limits in words, to follow those of a type; "" if there are none."""
+def describe_limits(limits: ValueLimits, name: str = "") -> str:
+    """Return limits in words, to follow those of a type; "" if there are none.
+
+    Args:
+        limits: the limits.
+        name: of the value; if it ends with `bytes`, limits are shown as people write sizes.
+    """
     if limits.choices:
         return ", " + _one_of(limits.choices)
-    bounds = [f"at least {limits.minimum:.10g}"] if limits.minimum is not None else []
-    bounds += [f"at most {limits.maximum:.10g}"] if limits.maximum is not None else []
+    is_size = name.rpartition("_")[2] == "bytes"
+    bounds = [f"at least {_bound(limits.minimum, is_size)}"] if limits.minimum is not None else []
+    bounds += [f"at most {_bound(limits.maximum, is_size)}"] if limits.maximum is not None else []
     return ", " + " and ".join(bounds) if bounds else ""
+
+
+def _bound(value: float, is_size: bool) -> str:
+    """Return a limit as people write it: `256T`, `1000000`, `1e12`."""
+    for letter in "TGMK" if is_size else "":
+        unit = int(SIZES[letter.lower()])
+        if value >= unit and value % unit == 0:
+            return f"{value / unit:.10g}{letter}"
+    digits, e, exponent = f"{value:.10g}".partition("e")
+    return f"{digits}{e}{int(exponent)}" if e else digits
 
 
 def _is_text_enum(declared: Any) -> bool:

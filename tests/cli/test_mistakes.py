@@ -57,6 +57,10 @@ CODE = {
         "from robbie_mp.messages import LazerScan\nclass M(Module): pass",
         "5: ImportError: cannot import name 'LazerScan' from 'robbie_mp.messages'; did you mean 'LaserScan'?",
     ),
+    "stock_message_of_the_face": (
+        "from robbie_mp import Odometry\nclass M(Module): pass",
+        "5: ImportError: Odometry is a stock message; write `from robbie_mp.messages import Odometry`",
+    ),
     "own_message": (
         "from modules.messages import ProcesorLoad\nclass M(Module): pass",
         "5: ImportError: cannot import name 'ProcesorLoad' from 'modules.messages'; did you mean",
@@ -173,7 +177,10 @@ CODE = {
 LISTED = {
     "no_module": ("modules.lazer:M", "there is no Python module 'modules.lazer'"),
     "no_class": ("modules.load_sensor:LoadSensr", "has no class 'LoadSensr'; did you mean 'LoadSensor'?"),
-    "no_heir": ("hw.processor:Processor", "is not derived from robbie_mp.module.module.Module"),
+    "no_heir": (
+        "hw.processor:Processor",
+        "is not derived from robbie_mp.Module",
+    ),
 }
 """Classes that a profile names wrongly."""
 SENSOR = '{class: "modules.load_sensor:LoadSensor"'
@@ -190,6 +197,10 @@ PROFILES = {
     "name": ("modules:\n  my robot: {class: x:Y}", "2: modules.my robot: expected a name of at most"),
     "key": (f"modules:\n  a: {SENSOR}, setings: {{}}}}", "2: modules.a.setings: .*did you mean 'settings'"),
     "memory": (f"modules:\n  a: {SENSOR}, memory: {{limit_bytes: -5}}}}", "2: .*limit_bytes: expected"),
+    "bound": (
+        f"modules:\n  a: {SENSOR}, memory: {{limit_bytes: 10}}}}",
+        "2: .*limit_bytes: expected int, at least 4K and at most 256T; got 10",
+    ),
     "list": ("modules: [a, b]", "1: modules: expected a map; got ['a', 'b']"),
     "clock": (f"modules: {{a: {SENSOR}}}}}\nclock: {{source: tme}}", "2: .*: there is no module 'tme'"),
     "topics": (f"modules:\n  a: {SENSOR}, topics: {{a: 'my topic!'}}}}", "2: .*'my topic!' is no name"),
@@ -228,7 +239,18 @@ COMMANDS = {
     "play notes.txt robot": (2, "a profile that plays recordings has `parents: [robbie:playback]`"),
     "export notes.txt out": (2, "notes.txt is no MCAP file"),
     "new .": (1, ". is not empty; name an empty folder or one that does not exist"),
-    "top --nosuch": (2, "unrecognized arguments: --nosuch; see `robbie --help`"),
+    "top --nosuch": (2, "unrecognized arguments: --nosuch; see `robbie top --help`"),
+    "export a b --nosuch": (2, "unrecognized arguments: --nosuch; see `robbie export --help`"),
+    "param set a.b 1 --nosuch": (2, "unrecognized arguments: --nosuch; see `robbie param set --help`"),
+    "run modules/load_sensor.py": (
+        2,
+        "modules/load_sensor.py is code, no profile; write `robbie run modules.load_sensor:LoadSensor`",
+    ),
+    "run notes.txt": (
+        2,
+        "notes.txt is no profile, which is a file profiles/NAME.yaml; write `robbie run NAME`",
+    ),
+    "run robot --only black_box": (2, "there is no module 'black_box' in the profile: it runs beside those"),
 }
 """By the words of the command: its exit code, and the line."""
 

@@ -35,3 +35,11 @@ def test_limits_of_the_output() -> None:
     rate = f"{limits.burst_lines} at once, then {limits.lines_per_s:g}/s"
     assert ROWS["lines that a module prints, on each stream, and log records"] == rate
     assert f"the output of each process, as JSON lines; {limits.file_bytes // MIB} MiB each" in TEXT
+
+
+def test_every_extra_is_explained() -> None:
+    table = (ROOT / "pyproject.toml").read_text().partition("[project.optional-dependencies]")[2]
+    extras = re.findall(r"^([a-z0-9]+) = \[", table.partition("\n[")[0], re.MULTILINE)
+    explained = TEXT.partition("## Extras")[2].partition("\n## ")[0]
+    missing = [one for one in extras if f"`{one}`" not in explained]
+    assert len(extras) > 15 and not missing

@@ -160,7 +160,8 @@ def load_class(class_path: str, base: type[Class]) -> type[Class]:
         classes = [name for name, value in vars(module).items() if isinstance(value, type)]
         raise NotAModule(f"{module_name} has no class {class_name!r}{did_you_mean(class_name, classes)}")
     if not (isinstance(found, type) and issubclass(found, base)):
-        raise NotAModule(f"{class_path} is not derived from {base.__module__}.{base.__qualname__}")
+        face = f"{base.__module__}.{base.__qualname__}".replace(f"{MODULE_FILE}.", "robbie_mp.")
+        raise NotAModule(f"{class_path} is not derived from {face}")
     checked: type[Class] = found
     return checked
 

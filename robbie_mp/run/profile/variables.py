@@ -17,6 +17,7 @@ from robbie_mp.base.problem import Problem, ProfileError, SourcePlace
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.base.yaml_reader import YamlNode, read_text
 from robbie_mp.run.profile.dependencies import KEY as DEPENDS_ON
+from robbie_mp.run.profile.model import BLACK_BOX
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 REFERENCE = re.compile(r"\$?\$\{([^}]*)\}")
@@ -71,6 +72,13 @@ class _Resolver:
         for text in settings:
             self._set(text)
         modules = _map_of(content.get("modules")) or {}
+        has_box = BLACK_BOX not in modules  # else it is a module like others
+        if has_box and BLACK_BOX in without:
+            without = [name for name in without if name != BLACK_BOX]
+            place = SourcePlace(f"--without {BLACK_BOX}")
+            content = {**content, BLACK_BOX: YamlNode(False, place)}
+        if has_box and set(only) > {BLACK_BOX}:
+            only = [name for name in only if name != BLACK_BOX]  # which stays anyway
         left_out = self._left_out(modules, without, only)
         kept = {
             name: _without_names(_without_condition(module), left_out)
@@ -190,6 +198,8 @@ class _Resolver:
     def _check_name(self, option: str, name: str, modules: Trees) -> None:
         if name not in modules:
             near = did_you_mean(name, modules) or f"; modules: {', '.join(modules) or 'none'}"
+            if name == BLACK_BOX:
+                near = " in the profile: it runs beside those that you name"
             self._report(SourcePlace(f"{option} {name}"), f"there is no module {name!r}{near}")
 
     def _check_clock(self, clock: YamlNode | None, left_out: Mapping[str, str]) -> None:

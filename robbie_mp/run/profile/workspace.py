@@ -108,6 +108,25 @@ def is_class(name: str) -> bool:
     return not name.startswith(STOCK) and CLASS_PATH.fullmatch(name) is not None
 
 
+def _refuse_other_file(name: str, start: Path) -> None:
+    """Say how to run what is in a file that is no profile.
+
+    Raises:
+        ProfileError: there is such a file, and no profile of this name.
+    """
+    file = Path(os.path.abspath(start / name))
+    root = enclosing_workspace(start)
+    if not (file.suffix and file.is_file()) or (root and Workspace(root).file_of(name).is_file()):
+        return
+    if file.suffix != ".py":
+        raise refuse(f"{name} is no profile, which is a file {FOLDER}/NAME{SUFFIX}; write `robbie run NAME`")
+    root = root or start
+    inside = file.relative_to(root) if file.is_relative_to(root) else Path(file.name)
+    found = re.search(r"^class (\w+)\(.*Module\b", file.read_text(errors="replace"), re.MULTILINE)
+    path = f"{'.'.join(inside.with_suffix('').parts)}:{found[1] if found else 'CLASS'}"
+    raise refuse(f"{name} is code, no profile; write `robbie run {path}` to run a module of it alone")
+
+
 def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
     """Return the workspace and name of a profile that is given by name, or by a path that ends with .yaml.
 
@@ -119,6 +138,7 @@ def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
     if name_or_file.startswith(STOCK) or is_class(name_or_file):
         return Workspace(enclosing_workspace(start.absolute()) or start), name_or_file
     if not name_or_file.endswith(SUFFIX):
+        _refuse_other_file(name_or_file, start.absolute())
         return find_workspace(start, name_or_file), name_or_file
     file = Path(os.path.abspath(start / name_or_file))
     for folder in file.parents:

@@ -185,7 +185,7 @@ class Capsules:
             said = (process.stderr.read() or b"").decode(errors="replace").strip()
         self._process = self._order = None
         if process.returncode == 0:
-            self._say(order.module, Kind.SYSTEM, f"run this crash again: robbie replay {order.path}")
+            self._say(order.module, Kind.INFO, f"run this crash again: robbie replay {order.path}")
         else:
             why = said.rpartition("\n")[2] or f"its writer ended with {process.returncode}"
             self._say(order.module, Kind.WARNING, f"no capsule of this crash: {why}")

@@ -124,7 +124,7 @@ CASES = [
     (
         in_module("memory:\n      segment_bytes: 1024"),
         5,
-        "modules.a.memory.segment_bytes: expected int, at least 4096 and at most",
+        "modules.a.memory.segment_bytes: expected int, at least 4K and at most 256T",
     ),
     (
         in_module("memory: {segment_bytes: 1073741824}"),

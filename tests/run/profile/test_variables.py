@@ -282,3 +282,12 @@ def test_wrong_topics_and_namespaces_are_errors_with_their_place(
     robot.write("demo", f"modules:\n  a:\n    class: m:A\n    {key}\n")
     (got,) = problems()
     assert got.startswith(f"profiles/demo.yaml:4: {problem}")
+
+
+def test_black_box_is_left_out_as_a_module_is(robot: Robot) -> None:
+    robot.write("demo", DEMO)
+    assert load_profile("demo").black_box is not None
+    without = load_profile("demo", without=("black_box",))
+    assert without.black_box is None and without.modules == load_profile("demo").modules
+    beside = load_profile("demo", only=("camera", "black_box"))
+    assert beside.black_box is not None and [one.name for one in beside.modules] == ["camera"]
