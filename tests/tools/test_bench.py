@@ -81,6 +81,15 @@ def test_round_trip_of_a_call_is_compared_with_one_way(
     assert "call and reply, 64 B each: p50 ÷ one way" in capsys.readouterr().out
 
 
+@pytest.mark.skipif(bool(peer("rclpy_relay").why_absent), reason=peer("rclpy_relay").why_absent)
+def test_bridge_to_ros_is_compared_with_a_relay_of_rclpy(tmp_path: Path) -> None:
+    run = measure(tmp_path, "relay", "--count=5")
+    for result in run["results"]:
+        for row in result["contenders"]:
+            assert (row["sent"], row["trouble"]) == ([5], ""), row
+            assert 0 < row["p50_us"][0] < 5e6
+
+
 def test_all_processes_run_on_the_processors_of_the_work() -> None:
     cpu = min(os.sched_getaffinity(0))
     work = replace(WORK, cpus=(cpu,), realtime_priority=7)

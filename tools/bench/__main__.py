@@ -25,6 +25,7 @@ BENCHMARKS = {
     "loaded": load.loaded,
     "restart": restart,
     "call": call,
+    "relay": messages.relay,
 }
 
 

@@ -1,4 +1,4 @@
-"""The benchmarks with one publisher: `latency`, `wake`, `large`, `fanout` and `throughput`."""
+"""The benchmarks with one publisher: `latency`, `large`, `fanout`, `throughput` and `relay`."""
 
 import os
 import resource
@@ -35,6 +35,19 @@ def latency(options: Options) -> list[Result]:
         series = [Series(one) for one in measured]
         results.append(
             _latencies(options, "latency", f"64 bytes, {title}, 1 subscriber", work, series, (5, 2))
+        )
+    return results
+
+
+def relay(options: Options) -> list[Result]:
+    """Measure from a node of ROS 2 through the bridge to a module, beside a relay of rclpy to a node."""
+    small = Work("", Path(), count=options.messages(10_000, 500), rate_hz=500.0, warm_up=20)
+    image = Work("", Path(), IMAGE_BYTES, count=options.messages(100, 15), rate_hz=5.0, warm_up=3)
+    results = []
+    for title, work in {"64 bytes, 500 Hz": small, "6.2 MB, 5 Hz": image}.items():
+        series = [Series(peer("ros2_bridge")), Series(peer("rclpy_relay"))]
+        results.append(
+            _latencies(options, "relay", title, work, series, (3, 1)) | {"reference": "ros2_bridge"}
         )
     return results
 

@@ -15,7 +15,7 @@ import numpy as np
 import psutil
 import pytest
 
-from tests._support.robot import Robot, kill, wait_until
+from tests._support.robot import Robot, command_of, kill, wait_until
 from tests.connect.ros2._support import among_deaths, fibonacci
 from tests.connect.ros2._support.ros_nodes import WHEELS, RosNode, ros_node
 
@@ -81,8 +81,7 @@ class Killer:
         name = "shell" if victim == "child" else victim
         before = self.robot.top()[name]
         if victim == "child":
-            tree = psutil.Process(before["pid"]).children(recursive=True)
-            kill(next(one.pid for one in tree if one.name() == "sleep"))
+            kill(child_of(before["pid"]))
         else:
             kill(before["pid"])
         if victim == "core":
@@ -93,6 +92,19 @@ class Killer:
         """Return what may die now."""
         core = ["core"] if time.monotonic() > self._core_rests_until_s else []
         return ["node", "ros2", "child", *core]
+
+
+def child_of(module: int) -> int:
+    """Return the process that the shell has started, as soon as there is one."""
+    found: list[int] = []
+
+    def is_there() -> bool:
+        tree = psutil.Process(module).children(recursive=True)
+        found[:] = [one.pid for one in tree if command_of(one)[:1] == ["sleep"]]
+        return bool(found)
+
+    wait_until(is_there)
+    return found[0]
 
 
 def events(file: Path) -> dict[tuple[str, str], list[str]]:
