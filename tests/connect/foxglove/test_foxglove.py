@@ -413,8 +413,9 @@ def test_a_program_that_speaks_only_http_gets_a_status(
 ) -> None:
     monkeypatch.setattr(door, "WRONG_TOKEN_PAUSE_S", 0.0)
     address = harness.module.address.replace("ws://", "http://")
-    with pytest.raises(HTTPError, match="401"), urlopen(address, timeout=5.0):
+    with pytest.raises(HTTPError, match="401") as refused, urlopen(address, timeout=5.0):
         pass
+    refused.value.close()
 
 
 def test_who_finds_the_inner_port_gets_no_message_and_can_do_nothing(
