@@ -289,8 +289,10 @@ def _restarted(child: SupervisedChild) -> Progress:
             return {"done": f"{child.spec.name} is RUNNING, start {child.incarnation}"}
         has_ended = child.state is ChildState.BACKOFF and child.incarnation > before
         if has_ended or (child.state is not None and child.state.is_final):
+            what = f"{child.spec.name} is {child.state}: {child.reason}"
             why = what_failed("\n".join(child.output.last_lines))
-            return {"error": f"{child.spec.name} is {child.state}: {child.reason}{why and f'; {why}'}"}
+            next_ = "it is tried again" if has_ended else ""
+            return {"error": "; ".join(filter(None, (what, why, next_)))}
         return None
 
     return progress

@@ -192,7 +192,9 @@ def test_failed_module_gets_its_whole_budget_back(tmp_path: Path) -> None:
         starts = run.tree.child("laser").incarnation
         command = Command(run, "restart", "laser")
         yield command.is_over
-        assert command.refused.startswith("laser is FAILED: exit code 1; all 2 restarts")
+        assert command.refused.startswith("laser is BACKOFF: exit code 1; RuntimeError: no such device")
+        assert command.refused.endswith("; it is tried again")
+        yield lambda: run.states("laser").count(FAILED) == 2
         assert run.tree.child("laser").incarnation == starts + 3
         run.tree.stop("seen enough")
 
