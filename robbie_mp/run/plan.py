@@ -9,6 +9,7 @@ import msgspec
 from typing_extensions import Self
 
 from robbie_mp.base.linux.private_files import write_private
+from robbie_mp.base.version import installed_version
 from robbie_mp.bus.transport.board import TOOL_PREFIX
 from robbie_mp.bus.transport.layout import MAX_OUTSTANDING
 from robbie_mp.bus.transport.run_memory import RingSizes
@@ -52,6 +53,8 @@ class RunPlan:
     `messages`."""
     reloads: bool = False
     """Whether modules are restarted when their files are saved, so that they report which these are."""
+    version: str = ""
+    """Of Robbie-MP; it takes long to find out, and each process that starts would need it."""
 
     @classmethod
     def of_profile(
@@ -68,6 +71,7 @@ class RunPlan:
         """Plan a run of a profile."""
         return cls(
             run_id=run_id,
+            version=installed_version(),
             profile_name=profile.name,
             workspace=str(workspace),
             output_directory=str(output_directory),

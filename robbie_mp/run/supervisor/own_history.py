@@ -14,7 +14,6 @@ import numpy as np
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.address_space import address_space_bytes
-from robbie_mp.base.version import installed_version
 from robbie_mp.bus._hot.choice import Native
 from robbie_mp.bus.checkpoint.image import ImageLayout, lay_out
 from robbie_mp.bus.checkpoint.keeper import CheckpointKeeper
@@ -92,7 +91,7 @@ def begin_history(
             "address_space_bytes": address_space_bytes(),
             "started_ns": time.time_ns(),
             "monotonic_ns": time.monotonic_ns(),
-            "robbie": installed_version(),
+            "robbie": plan.version,
             "python": sys.version.split()[0],
             "files": _files(plan.workspace),
         }

@@ -20,7 +20,11 @@ from robbie_mp.run.supervisor.assignment import wait_for_assignment
 from robbie_mp.run.supervisor.child import leave_interrupts_to_supervisor, run_child
 from robbie_mp.run.supervisor.imported_files import robot_files, versions
 
-IMPORTED_AHEAD = ("numpy", "robbie_mp.run.supervisor.core_child", "robbie_mp.run.supervisor.module_child")
+IMPORTED_AHEAD = (
+    "numpy.random",
+    "robbie_mp.run.supervisor.core_child",
+    "robbie_mp.run.supervisor.module_child",
+)
 """Modules that any child may need: a spare becomes the core or a module."""
 
 
