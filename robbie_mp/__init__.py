@@ -103,8 +103,6 @@ _HOMES = {
 }  # fmt: skip
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
-_STOCK = "robbie_mp.messages"
-
 __all__ = list(_HOME_OF)
 
 
@@ -114,9 +112,6 @@ def __getattr__(name: str) -> object:
     The core and the supervisor are part of this package, too, and restart faster without numpy.
     """
     if name not in _HOME_OF:
-        if name[:1].isupper() and hasattr(import_module(_STOCK), name):
-            text = f"{name} is a stock message; write `from {_STOCK} import {name}`"
-            raise ImportError(text, name=__name__, path=__file__)
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_HOME_OF[name]), name)
 

@@ -70,7 +70,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--as-test", metavar="FILE", type=Path, help="write a small test that crashes likewise")
     parser.add_argument("--json", action="store_true", help="print the verdict as one line of JSON")
     parser.add_argument(
-        "--limit", metavar="SECONDS", type=float, default=LIMIT_S, help="a step that takes longer hangs (5)"
+        "--limit",
+        metavar="SECONDS",
+        type=float,
+        default=LIMIT_S,
+        help="a step that takes longer hangs (5; setup: 20)",
     )
 
 

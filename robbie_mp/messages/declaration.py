@@ -6,7 +6,7 @@ import keyword
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
-from types import NoneType
+from types import ModuleType, NoneType, UnionType
 from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
 
 from robbie_mp.messages.errors import DeclarationError
@@ -139,7 +139,9 @@ def _refuse_untyped(class_name: str, namespace: Mapping[str, Any], typed: Collec
     """
     for name, value in namespace.items():
         is_private_or_constant = name.startswith("_") or name.isupper()
-        is_code = callable(value) or hasattr(type(value), "__get__")
+        is_code = (
+            callable(value) or hasattr(type(value), "__get__") or isinstance(value, ModuleType | UnionType)
+        )
         if name in typed or is_private_or_constant or is_code:
             continue
         if name == "version":

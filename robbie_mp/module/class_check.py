@@ -9,7 +9,7 @@ import os
 import sys
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache
+from functools import lru_cache, partialmethod
 from numbers import Real
 from pathlib import Path
 from types import FunctionType, MethodType
@@ -37,6 +37,8 @@ CARRYING = ("subscribe", "publish", "loan", "advertise")
 """Methods of a module that are given the name of a topic."""
 OURS = os.path.dirname(os.path.dirname(__file__))
 """The folder of Robbie-MP, whose code no author of a module can change."""
+BINDING = (FunctionType, partialmethod, type(lru_cache(len)))
+"""What becomes a method of an object."""
 KEPT = 1024
 """Classes whose mistakes are remembered: a test may make a harness of one class many times."""
 
@@ -86,16 +88,31 @@ def class_flaws(cls: type) -> Iterator[CodeFlaw]:
     yield from _flaws_of_constructor(cls)
     for name, parameters in HOOKS.items():
         hook = getattr(cls, name)
-        if hook is not getattr(Module, name) and (flaw := handler_flaw(_bound(cls, name), *parameters)):
+        if hook is getattr(Module, name) or not _is_method(cls, name):
+            continue
+        if flaw := handler_flaw(_bound(cls, name), *parameters):
             yield CodeFlaw(*place_of(hook), flaw)
     for name, declared in settings_of(cls).items():
         if name in vars(Module) and name != "period_s":
             text = f"the setting {name} hides Module.{name}; give it another name"
             yield CodeFlaw(*place_of(declared.owner), text)
-    source = "\n".join(_source(one) for one in own)
-    yield from _flaws_of_period(cls, own, source)
+    may_set = _set_by(cls, own)
+    yield from _flaws_of_period(cls, own, may_set)
     for one in own:
-        yield from _flaws_of_calls(cls, one, source)
+        yield from _flaws_of_calls(cls, one, may_set)
+
+
+def _set_by(cls: type, own: Sequence[type]) -> Callable[[str], bool]:
+    """Return a function that says whether a module may set an attribute while it runs."""
+    sources = [_source(one) for one in own]
+    stored = {
+        node.attr
+        for one in own
+        for node in ast.walk(_tree(one))
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store)
+    }
+    is_open = hasattr(cls, "__getattr__") or "" in sources or any("setattr" in source for source in sources)
+    return lambda name: is_open or name in stored
 
 
 def _flaws_of_constructor(cls: type) -> Iterator[CodeFlaw]:
@@ -106,14 +123,14 @@ def _flaws_of_constructor(cls: type) -> Iterator[CodeFlaw]:
     advice = "put what it does into `def setup(self)`, which runs when the settings are known"
     if handler_flaw(MethodType(constructor, object()), "context"):
         yield CodeFlaw(*place_of(constructor), f"__init__ is called with the module's context; {advice}")
-    elif "__init__" not in constructor.__code__.co_names:
+    elif "__init__" not in inspect.unwrap(constructor).__code__.co_names:
         yield CodeFlaw(*place_of(constructor), f"__init__ does not call super().__init__(context); {advice}")
 
 
-def _flaws_of_period(cls: type, own: Sequence[type], source: str) -> Iterator[CodeFlaw]:
+def _flaws_of_period(cls: type, own: Sequence[type], may_set: Callable[[str], bool]) -> Iterator[CodeFlaw]:
     """Find a time between ticks that is none, unless the module sets another one."""
     for one in own:
-        if "period_s" in vars(one) and "self.period_s = " not in source:
+        if "period_s" in vars(one) and not may_set("period_s"):
             period_s = vars(one)["period_s"]
             if isinstance(period_s, str | Real) and not is_span(period_s):
                 yield CodeFlaw(*_place_in(one, "period_s"), period_flaw(cls, period_s))
@@ -130,16 +147,30 @@ def _place_in(cls: type, name: str) -> tuple[str, int]:
     return file, first
 
 
-def _flaws_of_calls(cls: type, own: type, source: str) -> Iterator[CodeFlaw]:
+def _of_the_module(parent: ast.AST, *, in_method: bool = False) -> Iterator[ast.AST]:
+    """Yield the nodes of a class body in which `self` is the module, unlike in classes inside it."""
+    for node in ast.iter_child_nodes(parent):
+        is_function = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        has_own_self = is_function and in_method and "self" in {one.arg for one in _parameters_of(node)}
+        if not (isinstance(node, ast.ClassDef) or has_own_self):
+            yield node
+            yield from _of_the_module(node, in_method=in_method or is_function)
+
+
+def _parameters_of(function: ast.AST) -> Iterator[ast.arg]:
+    return (node for node in ast.walk(getattr(function, "args", ast.Pass())) if isinstance(node, ast.arg))
+
+
+def _flaws_of_calls(cls: type, own: type, may_set: Callable[[str], bool]) -> Iterator[CodeFlaw]:
     """Find handlers and topics in a class body that cannot be used."""
     file, first = place_of(own)
-    for node in ast.walk(_tree(own)):
+    for node in (node for body in _tree(own).body for node in _of_the_module(body)):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and _is_self(node.func.value):
             verb = node.func.attr
             if getattr(cls, verb, None) is not getattr(Module, verb, verb):
                 continue
             texts = [
-                _flaw_of_arguments(verb, node) or _flaw_of_handler(cls, verb, node, source),
+                _flaw_of_arguments(verb, node) or _flaw_of_handler(cls, verb, node, may_set),
                 _flaw_of_topic(verb, node),
             ]
             yield from (CodeFlaw(file, first + node.lineno - 1, f"{verb}: {text}") for text in texts if text)
@@ -178,7 +209,7 @@ def _is_text(node: ast.expr) -> bool:
     return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
 
-def _flaw_of_handler(cls: type, verb: str, call: ast.Call, source: str) -> str:
+def _flaw_of_handler(cls: type, verb: str, call: ast.Call, may_set: Callable[[str], bool]) -> str:
     at, keyword, parameters = CALLED.get(verb, (0, "", ()))
     given = [word.value for word in call.keywords if word.arg == keyword] or call.args[at : at + 1]
     match given if keyword else []:
@@ -186,9 +217,11 @@ def _flaw_of_handler(cls: type, verb: str, call: ast.Call, source: str) -> str:
             return handler_flaw(value)
         case [ast.Call(ast.Attribute(ast.Name("self"), name), [], [])] if hasattr(cls, name):
             return _flaw_of_result(cls, name)
+        case [ast.Attribute(ast.Name("self"), name)] if may_set(name) or not _is_method(cls, name):
+            return ""
         case [ast.Attribute(ast.Name("self"), name)] if hasattr(cls, name):
             return handler_flaw(_bound(cls, name), *_parameters(verb, call, parameters))
-        case [ast.Attribute(ast.Name("self"), name)] if f"self.{name} = " not in source:
+        case [ast.Attribute(ast.Name("self"), name)]:
             return _no_such_method(cls, name)
     return ""
 
@@ -222,10 +255,19 @@ def _flaw_of_topic(verb: str, call: ast.Call) -> str:
     return ""
 
 
+def _is_method(cls: type, name: str) -> bool:
+    """Whether an attribute is missing, or what it is for an object is known without making one."""
+    found = inspect.getattr_static(cls, name, None)
+    return not hasattr(found, "__get__") or isinstance(found, (*BINDING, staticmethod, classmethod))
+
+
 def _bound(cls: type, name: str) -> Callable[..., Any]:
     """Return a method as it is of an object of the class."""
     found: Any = inspect.getattr_static(cls, name)
-    return MethodType(found, object()) if isinstance(found, FunctionType) else getattr(cls, name)
+    kind: Any = type(found)
+    is_binding = isinstance(found, BINDING)
+    bound: Callable[..., Any] = kind.__get__(found, object(), cls) if is_binding else getattr(cls, name)
+    return bound
 
 
 def _is_self(node: ast.expr) -> bool:
@@ -241,10 +283,15 @@ def _tree(cls: type) -> ast.Module:
 
 
 def _source(cls: type) -> str:
+    """Return the text of a class; '' if it was made by a program, or another class of its name is found."""
     try:
-        return textwrap.dedent(inspect.getsource(cls))
-    except (OSError, TypeError):  # it was made by a program
+        lines, first = inspect.getsourcelines(cls)
+    except (OSError, TypeError):
         return ""
+    functions = (inspect.unwrap(one) for one in vars(cls).values() if isinstance(one, FunctionType))
+    begins = [one.__code__.co_firstlineno for one in functions]
+    is_its_own = not begins or any(first <= begin < first + len(lines) for begin in begins)
+    return textwrap.dedent("".join(lines)) if is_its_own else ""
 
 
 def is_of_author(file: str) -> bool:

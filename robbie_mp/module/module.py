@@ -50,6 +50,11 @@ GoalType = TypeVar("GoalType", bound=Message)
 __all__ = ["MessageHandling", "Module", "ModuleContext", "setting"]
 
 
+def _text_of(reason: object) -> str:
+    """Return a reason that is no text as a text; '' if it is None or False."""
+    return "" if reason is None or reason is False else str(reason)
+
+
 class InvalidPeriod(RobbieError, ValueError):
     """A module's `period_s` cannot be used.
 
@@ -783,7 +788,7 @@ class Module:
 
     @degraded.setter
     def degraded(self, reason: str) -> None:
-        reason = str(reason or "")
+        reason = reason if isinstance(reason, str) else _text_of(reason)
         if reason != self._degraded:
             self._degraded = reason
             self._health.degrade("itself", reason) if reason else self._health.recover("itself")

@@ -59,7 +59,8 @@ CODE = {
     ),
     "stock_message_of_the_face": (
         "from robbie_mp import Odometry\nclass M(Module): pass",
-        "5: ImportError: Odometry is a stock message; write `from robbie_mp.messages import Odometry`",
+        "5: ImportError: cannot import name 'Odometry' from 'robbie_mp'; it is a stock message: write "
+        "`from robbie_mp.messages import Odometry`",
     ),
     "own_message": (
         "from modules.messages import ProcesorLoad\nclass M(Module): pass",

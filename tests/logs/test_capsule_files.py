@@ -238,7 +238,7 @@ def forever(progress: Progress, _details: dict[str, Any]) -> None:
         pass
 
 
-def test_first_step_has_the_limit_of_all_steps() -> None:
+def test_first_step_has_the_limit_that_the_user_gives() -> None:
     began_s = time.monotonic()
     assert attempt(forever, limit_s=0.2).crash.kind == HANG
     assert time.monotonic() - began_s < START_LIMIT_S

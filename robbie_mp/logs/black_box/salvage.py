@@ -34,6 +34,8 @@ def salvage(
     if not has_died and record is not None:
         _remove_spool(Path(record.output_directory))
     if not parts:
+        if record is not None:
+            _remove_spool(Path(record.output_directory))
         return []
     if record is None or not Path(record.output_directory).is_dir():
         return [f"the last messages of run {run_id} are lost: it has no folder for results any more"]

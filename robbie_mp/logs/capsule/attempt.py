@@ -20,7 +20,7 @@ from robbie_mp.run.supervisor.tracebacks import leave_out_our_frames
 LIMIT_S = 5.0
 """One step may take this long; beyond it, it hangs."""
 START_LIMIT_S = 20.0
-"""The same for the imports, before the first step."""
+"""The same for imports and setup."""
 DUMP_S = 2.0
 """A process that hangs has this long to print its stacks."""
 POLL_S = 0.05
@@ -126,7 +126,9 @@ def _wait(pid: int, read_end: int, progress: Progress, limit_s: float) -> tuple[
             said += piece
             continue
         now_s = time.monotonic()
-        allowed_s = limit_s if seen >= 0 else max(limit_s, START_LIMIT_S)
+        # The setup may load a model, unless the user has given another limit. Imports always have this time.
+        is_start = seen < 0 or (seen == 0 and limit_s == LIMIT_S)
+        allowed_s = max(limit_s, START_LIMIT_S) if is_start else limit_s
         if progress.number != seen:
             seen, since_s = progress.number, now_s
         elif not hangs and now_s - since_s > allowed_s:

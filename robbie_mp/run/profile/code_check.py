@@ -7,6 +7,7 @@ import sys
 import traceback
 from collections.abc import Iterator
 
+from robbie_mp import messages
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.messages.descriptions import own_classes
@@ -47,6 +48,8 @@ def _nearest(error: BaseException) -> str:
         *_, (frame, _) = traceback.walk_tb(error.__traceback__)
         return did_you_mean(error.name or "", [*frame.f_globals, *dir(builtins)])
     wanted = re.match(r"cannot import name '(\w+)'", str(error))
+    if wanted and getattr(error, "name", "") == "robbie_mp" and wanted[1] in messages.__all__:
+        return f"; it is a stock message: write `from robbie_mp.messages import {wanted[1]}`"
     return did_you_mean(wanted[1], dir(sys.modules.get(getattr(error, "name", "")))) if wanted else ""
 
 

@@ -104,6 +104,9 @@ def _read_override(text: str, profile: YamlNode) -> YamlNode:
         raise refuse("expected MODULE.SETTING=VALUE", place)
     modules = _modules(profile)
     if name == BLACK_BOX and name not in modules:
+        box = profile.value.get(BLACK_BOX) if isinstance(profile.value, dict) else None
+        if box is not None and box.value is False:
+            raise refuse("the profile has no black box (black_box: false)", place)
         path: tuple[str, ...] = (BLACK_BOX, setting)
     elif name in modules:
         path = ("modules", name, "settings", setting)

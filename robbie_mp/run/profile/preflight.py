@@ -11,8 +11,9 @@ as FAILED with its traceback.
 
 import os
 import re
+import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -155,20 +156,34 @@ def require_processors(profile: Profile) -> None:
     Raises:
         ProfileError: it lists each of them.
     """
-    usable = os.sched_getaffinity(0)
     wanted: dict[tuple[str, ...], list[int]] = {("core",): profile.core.scheduling.cpus}
     wanted |= {("modules", one.name): one.scheduling.cpus for one in profile.modules}
     problems = [
         Problem(
-            f"{'.'.join(where)}.scheduling.cpus: {cpus}, but this machine lets it use only "
-            f"{', '.join(map(str, sorted(usable)))}",
+            f"{'.'.join(where)}.scheduling.cpus: {cpus}, of which this machine lets it use none; "
+            f"it has {os.cpu_count()} processors, from 0 on",
             profile.place_of(*where, "scheduling", "cpus"),
         )
         for where, cpus in wanted.items()
-        if cpus and usable.isdisjoint(cpus)
+        if cpus and not _may_use(cpus)
     ]
     if problems:
         raise ProfileError(problems)
+
+
+def _may_use(cpus: list[int]) -> bool:
+    """Try it, in a thread of its own: what this process is bound to now says nothing about it."""
+    may_use = []
+
+    def bind() -> None:
+        with suppress(OSError, ValueError, OverflowError):
+            os.sched_setaffinity(0, cpus)  # of this thread alone
+            may_use.append(True)
+
+    thread = threading.Thread(target=bind, name="processors")
+    thread.start()
+    thread.join()
+    return bool(may_use)
 
 
 def _deadline_s(module: ModuleSpec, findings: Preflight) -> float | None:

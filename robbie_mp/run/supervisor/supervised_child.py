@@ -197,12 +197,13 @@ class SupervisedChild:
                 self._abandon()
         elif self._kill_at_s is not None and now_s >= self._kill_at_s:
             self.kill(self._kill_reason)
-        elif self.state is ChildState.STARTING:
+        elif self.state is ChildState.STARTING and self._kill_at_s is None:
             self._check_ready()
             if self._is_held(now_s >= self._due_s) or self._incarnations.awaits_time(self.spec.name):
                 self._due_s = now_s + self.spec.module.start_deadline_s  # the delay is not its fault
             elif self.state is ChildState.STARTING and now_s >= self._due_s + self._starved_s(now_s):
-                self.abort(f"not ready within {self.spec.module.start_deadline_s:g} s")
+                end = self.abort if self._then is None else self.kill  # in an ordered stop it is no crash
+                end(f"not ready within {self.spec.module.start_deadline_s:g} s")
         elif self.state is ChildState.RUNNING:
             self._check_hang(now_s)
         elif self._waits_for_start() and now_s >= self._due_s and self._may_open():

@@ -140,7 +140,7 @@ class CrashFolder:
         make_private_folder(self._folder)
         write_private(self._folder / name, data)
         for old in report_files(self._folder.parent, module)[: -self._keep]:
-            old.unlink()
+            old.unlink(missing_ok=True)
 
 
 def report_name(report: CrashReport) -> str:

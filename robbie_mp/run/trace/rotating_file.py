@@ -57,11 +57,22 @@ class RotatingFile:
             self._fd = None
 
     def _open(self) -> int:
-        self._fd = private_opener(str(self.path), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-        self._size = os.fstat(self._fd).st_size
-        if not self._size:
-            self._size = os.write(self._fd, self._head)
-        return self._fd
+        fd = private_opener(str(self.path), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        try:
+            self._size = os.fstat(fd).st_size or self._begin(fd)
+        except OSError:
+            os.close(fd)
+            raise
+        self._fd = fd
+        return fd
+
+    def _begin(self, fd: int) -> int:
+        """Write the whole head or nothing; return its size."""
+        written = os.write(fd, self._head)
+        if written < len(self._head):
+            os.ftruncate(fd, 0)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return written
 
     def _rotate(self) -> int:
         self.close()

@@ -174,6 +174,13 @@ def test_override_sets_what_the_black_box_does(robot: Robot) -> None:
     assert box is not None and box.settings == {"spool_s": 0, "before_s": 30}
 
 
+def test_override_does_not_switch_a_black_box_on(robot: Robot) -> None:
+    robot.write("demo", OVERRIDDEN + "black_box: false\n")
+    assert robot.problems("demo", "black_box.spool_s=0") == [
+        "--set black_box.spool_s: the profile has no black box (black_box: false)"
+    ]
+
+
 def test_of_two_overrides_the_later_wins_and_null_removes(robot: Robot) -> None:
     robot.write("demo", OVERRIDDEN)
     profile = robot.load("demo", "a.x=2", "a.x=3", "a.m=null")

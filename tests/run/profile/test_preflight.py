@@ -463,5 +463,16 @@ def test_processors_that_this_machine_lacks_are_refused_before_the_start(robot: 
     with pytest.raises(ProfileError) as caught:
         runnable(robot.load(), robot.preflight())
     assert str(caught.value).startswith(
-        "profiles/demo.yaml:4: modules.camera.scheduling.cpus: [100000], but this machine lets it use only 0"
+        "profiles/demo.yaml:4: modules.camera.scheduling.cpus: [100000], of which this machine lets it use no"
     )
+
+
+def test_processors_to_which_this_process_is_not_bound_may_be_used(robot: Robot) -> None:
+    robot.write_code("mods", "from base_of_modules import Base\nclass Camera(Base): pass")
+    first, *others = sorted(os.sched_getaffinity(0))
+    robot.write("demo", f"modules: {{camera: {{class: 'mods:Camera', scheduling: {{cpus: [{first}]}}}}}}\n")
+    try:
+        os.sched_setaffinity(0, others or [first])
+        assert runnable(robot.load(), robot.preflight()).modules
+    finally:
+        os.sched_setaffinity(0, [first, *others])
