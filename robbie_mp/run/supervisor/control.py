@@ -291,8 +291,8 @@ def _restarted(child: SupervisedChild) -> Progress:
         if has_ended or (child.state is not None and child.state.is_final):
             what = f"{child.spec.name} is {child.state}: {child.reason}"
             why = what_failed("\n".join(child.output.last_lines))
-            next_ = "it is tried again" if has_ended else ""
-            return {"error": "; ".join(filter(None, (what, why, next_)))}
+            outlook = "it is tried again" if has_ended else ""
+            return {"error": "; ".join(filter(None, (what, why, outlook)))}
         return None
 
     return progress

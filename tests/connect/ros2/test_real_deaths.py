@@ -138,7 +138,7 @@ def killer(
         yield Killer(robot, request.param, domain, tmp_path_factory.mktemp("nodes"), stack)
 
 
-def test_each_request_has_one_reply_or_one_error_whoever_dies(
+def test_each_request_gets_one_reply_or_one_error_whichever_process_dies(
     killer: Killer, request: pytest.FixtureRequest
 ) -> None:
     robot, chance = killer.robot, random.Random(5)
@@ -176,9 +176,8 @@ def test_each_request_has_one_reply_or_one_error_whoever_dies(
             cut_off[f"{kind} {index}"] += found == ["sent"]
     print(f"\ndeaths: {dict(killer.deaths)} in {ended_s - began_s:.0f} s; requests: {dict(counted)}")
     print(f"images back: {came_back}; p99 of neighbours: {quiet * 1e3:.2f} ms, then {busy * 1e3:.2f} ms")
-    assert all(
-        count <= 1 for count in cut_off.values()
-    )  # one at a time: what the node that died had asked for
+    # A node has one request of each kind at a time, so its death cuts off no more.
+    assert all(count <= 1 for count in cut_off.values())
     assert not wrong
     assert counted["call", "reply"] and counted["ping", "reply"] and counted["goal", "reply"]
 

@@ -236,3 +236,16 @@ def test_disk_that_refuses_is_told_once_with_its_reason(recorder: Recorder) -> N
     )
     assert recorder.store.turn() == ""
     assert recorder.store.disk.refused == recorder.output.dropped == 3
+
+
+def test_page_whose_head_the_disk_refused_begins_with_it_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = RotatingFile(tmp_path / "page", max_bytes=1000, files=1, head=b"<!doctype html>")
+    with monkeypatch.context() as full:
+        full.setattr(os, "write", lambda fd, data, write=os.write: write(fd, data[:4]))
+        with pytest.raises(OSError, match="No space left"):
+            file.write(b"one")
+    file.write(b"two")
+    file.close()
+    assert (tmp_path / "page").read_bytes() == b"<!doctype html>two"

@@ -34,7 +34,7 @@ class RclpyRelay(Peer):
 
     @contextmanager
     def publisher(self, work: Work) -> Iterator[Send]:
-        """Wait for whoever subscribes, then publish."""
+        """Wait until somebody subscribes, then yield what publishes."""
         with node_of(work, "publisher") as node:
             publisher = node.create_publisher(kind(work), names(work)[0], DEPTH)
             deadline_s = time.monotonic() + CONNECT_LIMIT_S

@@ -11,7 +11,7 @@ from tools.bench.work import Work
 MODULES = "tools.bench.ros2_modules"
 
 
-class Ros2Bridge(RclpyRelay):
+class BridgedSubscriber(RclpyRelay):
     """The subscriber is a module of a robot; the bridge and the core stand where the relay stands."""
 
     title = "Robbie-MP's bridge"
@@ -43,4 +43,4 @@ def profile(work: Work, work_file: Path) -> dict[str, object]:
     return {"modules": modules, "black_box": False}
 
 
-PEER = Ros2Bridge()
+PEER = BridgedSubscriber()
