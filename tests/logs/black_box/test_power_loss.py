@@ -17,10 +17,12 @@ from robbie_mp.logs.black_box import spool as spool_module
 from robbie_mp.logs.black_box.clip_folder import SavedClip, clip_folders, saved_clips
 from robbie_mp.logs.black_box.power_loss import recover
 from robbie_mp.logs.black_box.ring import ring_home
+from robbie_mp.logs.black_box.salvage import salvage
 from robbie_mp.logs.black_box.spool import ABOUT, LOG, MAX_MESSAGE_BYTES, SPOOL, AboutSpool, Spool, locked
 from robbie_mp.logs.black_box.state import MAX_TRIGGERS, OpenClip
 from robbie_mp.logs.recording.format import ChannelKey, part_path
 from robbie_mp.logs.recording.reader import open_log
+from robbie_mp.run.run_directory import RECORD_NAME, RunRecord
 from tests._support.robot import Ended, Robot, kill, wait_until
 from tests.logs.black_box.test_black_box import PROFILE, box, start
 from tests.logs.recording._support.logs import START_NS, STEP_NS, write_log
@@ -104,6 +106,14 @@ def test_folder_that_only_has_the_name_of_a_spool_is_left_alone(tmp_path: Path) 
     (tmp_path / SPOOL / ABOUT).write_text("no JSON")
     assert "cannot be read" in recover([tmp_path / SPOOL])[0]
     assert {one.name for one in (tmp_path / SPOOL).iterdir()} == {"mine.txt", ABOUT}
+
+
+def test_run_that_is_killed_before_its_first_message_leaves_no_spool(tmp_path: Path) -> None:
+    record = RunRecord(OF_NO_RUN.run_id, "robot", 1, 1, "", "", str(tmp_path), "", is_robot=True)
+    (tmp_path / RECORD_NAME).write_bytes(msgspec.json.encode(record))
+    spool = left_spool(tmp_path, parts=0)
+    assert salvage(record.run_id, tmp_path, tmp_path / "memory") == []
+    assert not spool.exists()
 
 
 class FakeRun(SimpleNamespace):

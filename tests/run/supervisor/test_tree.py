@@ -461,3 +461,15 @@ def test_idle_tree_uses_almost_no_processor_time(tmp_path: Path) -> None:
     cpu_s, turns = spent
     assert turns <= 15
     assert cpu_s < 0.02  # the bound is 0.003; this machine may be a slow one
+
+
+def test_start_that_takes_too_long_while_the_run_stops_is_no_crash(tmp_path: Path) -> None:
+    spec = animal(zoo.starts_for_ever, "slow", start_deadline_s=1.0, stop_grace_s=60.0, restart=NEVER)
+    run = Run(tmp_path, spec)
+
+    def scenario() -> Scenario:
+        yield (run.incarnations.folder / "slow.1.deaf").exists
+        run.tree.stop("seen enough")
+
+    run.play(scenario())
+    assert run.last("slow").reason == "not ready within 1 s: killed by SIGKILL"

@@ -149,6 +149,12 @@ def is_never_ready(animal: Animal) -> None:
     animal.wait_for_ever()
 
 
+def starts_for_ever(animal: Animal) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    animal.say("deaf")
+    animal.wait_for_ever()
+
+
 def ignores_sigterm(animal: Animal) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     animal.ready()
