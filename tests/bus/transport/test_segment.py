@@ -1,4 +1,5 @@
 import gc
+import mmap
 import os
 import resource
 from collections.abc import Iterator
@@ -57,6 +58,21 @@ def test_segment_is_private_to_its_user(segment: Segment) -> None:
 
 def test_pages_are_allocated_when_the_segment_is_made(segment: Segment) -> None:
     assert (SHARED_MEMORY / NAME).stat().st_blocks * 512 >= 1024 * 8
+
+
+class AdviceIgnored(mmap.mmap):
+    """A mapping as in qemu's user emulation, which accepts advice and does nothing."""
+
+    def madvise(self, option: int, start: int = 0, length: int | None = None) -> None:
+        """Do nothing."""
+
+
+def test_pages_are_allocated_at_once_where_advice_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mmap, "mmap", AdviceIgnored)
+    made = Segment.create(NAME, 1024, SegmentKind.HISTORY, at_first_bytes=4096)
+    assert made.populated_bytes == made.size
+    assert (SHARED_MEMORY / NAME).stat().st_blocks * 512 >= made.size
+    made.close()
 
 
 def test_no_room_is_an_error_that_says_what_to_do_and_leaves_no_name() -> None:
