@@ -47,6 +47,8 @@ class RunView:
     """The settings of all modules that can be changed."""
     player: ClipPlayer
     """Plays clips of the run."""
+    log_source: str = ""
+    """Name of the module that plays a log in this run; '' if the run is of a live robot."""
 
 
 @dataclass(frozen=True)
@@ -101,14 +103,14 @@ def context_of(station: StationModule) -> StationContext:
     figures = RunWatch(station.run_id)
     known, output = station.known_run, station.output_directory
     player = ClipPlayer(known.folder, output, public_address(station.public_address).path, station.log)
-    run = RunView(known, output, figures, settings_watch, player)
+    run = RunView(known, output, figures, settings_watch, player, station.log_source)
     scene = SceneGraphListener(station, hears_time_jumps=False)
     station.hear(TimeJump, lambda _jump: scene.forget())
     places = PlacesWatch(station)
     operators = Operators(RobotCommand(station, station.publish))
-    motion = RobotMotion(station, scene, operators.pages, station.robot_size_m)
+    motion = RobotMotion(station, scene, operators.pages, station.robot_size_m, station.now_s)
     is_real = RunPlan.load(station.known_run.folder).clock.source is None
-    births = Births(station.clock, is_real=is_real)
+    births = Births(station.clock, station.now_s, is_real=is_real)
     robot = RobotView(
         scene,
         motion,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Protocol
@@ -10,10 +11,13 @@ from robbie_mp.messages import Goal, Message
 from robbie_mp.module.calls.errors import CallError
 from robbie_mp.module.envelope import MessageType
 from robbie_mp.module.module import MessageHandling, Module, setting
+from robbie_mp.run.plan import RunPlan
+from robbie_mp.run.run_clock import RunClock
 from robbie_mp.run.run_directory import KnownRun, list_runs
 from robbie_mp.station.page.requests import Asked, Asking, Requests
 from robbie_mp.station.settings import StationSettings
 from robbie_mp.station.watch.latest import Latest
+from robbie_mp.station.watch.run import log_source
 
 
 class Publish(Protocol):
@@ -36,6 +40,19 @@ class StationModule(StationSettings, Module):
     def known_run(self) -> KnownRun:
         """The run that the station is part of."""
         return next(run for run in list_runs() if run.run_id == self.run_id)
+
+    @cached_property
+    def log_source(self) -> str:
+        """Name of the module that plays a log in this run; '' if the run is of a live robot."""
+        return log_source(RunPlan.load(self.known_run.folder))
+
+    @cached_property
+    def _log_clock(self) -> RunClock | None:
+        return RunClock.attach(self.run_id) if self.log_source else None
+
+    def now_s(self) -> float:
+        """Return the time in which ages count: that of the log that plays, or else the monotonic clock."""
+        return time.monotonic() if self._log_clock is None else self._log_clock.now_ns() / 1e9
 
     def setup(self) -> None:
         """Begin without subscriptions and requests."""
@@ -76,7 +93,7 @@ class StationModule(StationSettings, Module):
         """
         key = (message_type.type_name, topic)
         if key not in self._newest:
-            self._newest[key] = latest = Latest[MessageType]()
+            self._newest[key] = latest = Latest[MessageType](self.now_s)
             if key in self._handlers:
                 self.hear(message_type, latest.put, topic)
                 return latest

@@ -1,5 +1,6 @@
 """The display says how far the way is free, how the robot leans, and why it stands though commanded."""
 
+import time
 from collections import deque
 from types import SimpleNamespace
 from typing import Any, cast
@@ -24,6 +25,10 @@ from robbie_mp.station.page.state_strip import time_left_s
 from robbie_mp.station.watch.latest import Latest, MessageSource
 
 
+def now_s() -> float:
+    return time.monotonic()  # as the fixture sets it
+
+
 class Stage:
     """What `RobotMotion` sees of a station."""
 
@@ -32,11 +37,11 @@ class Stage:
         self.scene = SimpleNamespace(graph=SimpleNamespace(pose=self._pose))
 
     def newest(self, message_type: type[Message], topic: str = "") -> Latest[Any]:
-        return self.known.setdefault((message_type, topic), Latest())
+        return self.known.setdefault((message_type, topic), Latest(now_s))
 
     def motion(self) -> RobotMotion:
         messages, scene = cast(MessageSource, self), cast(SceneGraphListener, self.scene)
-        return RobotMotion(messages, scene, {"one"}, (0.4, 0.3, 0.2))
+        return RobotMotion(messages, scene, {"one"}, (0.4, 0.3, 0.2), now_s)
 
     def _pose(self, *_nodes: str) -> None:
         raise UnknownNode("map")

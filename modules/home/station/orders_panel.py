@@ -13,7 +13,6 @@ from robbie_mp.station.page.requests import Asked
 from robbie_mp.station.page.state_item import GOOD, StateItem
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.watch.run import REFRESH_S
-from robbie_mp.station.web.access import Role
 from robbie_robots.modules.home.messages import CancelOrder, CarryOut, HouseholdStatus, HouseholdTask
 
 if TYPE_CHECKING:
@@ -58,7 +57,7 @@ class OrdersPanel(Panel):
         with ui.row().classes("items-center"):
             state = ui.badge("").props("id=orders-state").classes("text-lg p-2")
             given: deque[Asked] = deque(maxlen=1)
-            controls = OrderControls(page, given) if page.role is Role.OPERATOR else None
+            controls = OrderControls(page, given) if page.can_command else None
         reason = ui.label("").props("id=orders-reason")
         tasks = ui.label("").props("id=orders-tasks").classes("whitespace-pre-line")
         failure = ui.label("").props("id=orders-failure role=alert").classes("text-negative")

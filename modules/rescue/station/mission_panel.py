@@ -18,7 +18,6 @@ from robbie_mp.station.page.state_item import ALERT, GOOD, WARNING, StateItem, c
 from robbie_mp.station.panel import Panel, columns
 from robbie_mp.station.watch.latest import silence
 from robbie_mp.station.watch.run import REFRESH_S
-from robbie_mp.station.web.access import Role
 from robbie_robots.modules.rescue.messages import MissionStatus, OrderMission, VictimFound
 from robbie_robots.modules.rescue.station.mission_results import DONE, ENDS, MissionResults
 from robbie_robots.modules.rescue.station.victim_list import VictimList
@@ -113,7 +112,7 @@ class MissionControl:
         state = ui.label("").props("id=mission-state")
         given: deque[Asked] = deque(maxlen=1)
         with ui.element("div").classes("mission-buttons"):
-            buttons = self._buttons(page, given) if page.role is Role.OPERATOR else {}
+            buttons = self._buttons(page, given) if page.can_command else {}
         text = ui.label("").props("id=mission-text")
         refusal = ui.label("").props("id=mission-refusal role=alert").classes("text-negative")
 

@@ -10,7 +10,6 @@ from nicegui import ui
 
 from robbie_mp.messages import Header, NavigateTo, Point, Pose, PoseStamped, Quaternion
 from robbie_mp.station.panel import columns
-from robbie_mp.station.web.access import Role
 from robbie_robots.modules.rescue.station.victim_watch import STATES, KnownVictim, VictimWatch
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ class VictimList:
             "y in m": f"{position.y:.2f}",
             "sure": f"{found.confidence:.0%}",
             "images": found.views,
-            "can_go": self._page.role is Role.OPERATOR,
+            "can_go": self._page.can_command,
         }
 
     def _pressed(self, event: GenericEventArguments) -> KnownVictim | None:

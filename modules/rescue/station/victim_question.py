@@ -10,7 +10,6 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from robbie_mp.station.watch.latest import silence
-from robbie_mp.station.web.access import Role
 from robbie_robots.modules.rescue.messages import AnswerVictim
 
 if TYPE_CHECKING:
@@ -59,8 +58,8 @@ class VictimQuestion:
     def build(self, page: Page) -> None:
         """Add the question to a page."""
         ui.add_css(STYLE)
-        card = QuestionCard(can_answer=page.role is Role.OPERATOR)
-        if page.role is Role.OPERATOR:
+        card = QuestionCard(can_answer=page.can_command)
+        if page.can_command:
             for text, _, _ in ANSWERS:
                 page.add_key(text[0].lower(), f"Answer {text} to the question about a victim")
             page.add_key("u", "Take the answer back, for 3 s")

@@ -24,7 +24,7 @@ from robbie_mp.station.scene_view.points import scan_points
 from robbie_mp.station.watch.latest import MessageSource, silence
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence, Sized
+    from collections.abc import Callable, Sequence, Sized
 
     from robbie_mp.scene import SceneGraphListener
 
@@ -71,14 +71,21 @@ class RobotMotion:
         scene: where the robot and its lasers are.
         pages: the open pages; without any, it does not look.
         robot_size_m: length, width and height of the robot.
+        now_s: the clock of ages.
 
     Attributes:
         now: the movement at present.
     """
 
     def __init__(
-        self, messages: MessageSource, scene: SceneGraphListener, pages: Sized, robot_size_m: Sequence[float]
+        self,
+        messages: MessageSource,
+        scene: SceneGraphListener,
+        pages: Sized,
+        robot_size_m: Sequence[float],
+        now_s: Callable[[], float] = time.monotonic,
     ):
+        self._now_s = now_s
         self._graph = scene.graph
         self._pages = pages
         self._size_m = robot_size_m
@@ -100,11 +107,11 @@ class RobotMotion:
         """Note the newest scan of each laser, by its frame; any thread may call this."""
         frame = scan.header.frame_id
         if frame in self._scans or len(self._scans) < MAX_LASERS:
-            self._scans[frame] = (time.monotonic(), scan)
+            self._scans[frame] = (self._now_s(), scan)
 
     def command(self, command: DriveCommand) -> None:
         """Note a command; any thread may call this."""
-        self._command = (time.monotonic(), command)
+        self._command = (self._now_s(), command)
 
     def tick(self) -> None:
         """Look at the movement, while any page is open."""
@@ -112,7 +119,7 @@ class RobotMotion:
         if not self._pages or now_s < self._next_s:
             return
         self._next_s = now_s + PERIOD_S
-        self.now = self._look(now_s)
+        self.now = self._look(self._now_s())
 
     def _look(self, now_s: float) -> Movement:
         odometry = self._odometry.message

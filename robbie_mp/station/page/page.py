@@ -104,6 +104,8 @@ class Page:
         """Names of the panels that the page shows now."""
         self.shows_past = False
         """Whether it plays a clip, so that nobody there can order anything."""
+        self.plays_log = False
+        """Whether it shows a log or a clip, and no live robot: what moves one is neither shown nor sent."""
         self.dead_man = DeadManSwitch()
         self.driver: Drives | None = None
         """Drives for an operator; None on an observer's page."""
@@ -114,6 +116,11 @@ class Page:
     def role(self) -> Role | None:
         """The visitor's role now; None if the session has ended."""
         return self._access.role_of(self.session)
+
+    @property
+    def can_command(self) -> bool:
+        """Whether to build what commands the robot: for an operator, beside a live one."""
+        return self.role is Role.OPERATOR and not self.plays_log
 
     def may(self, what: str, needs: Role = Role.OPERATOR) -> bool:
         """Return whether the visitor may do something now. If not, report it on the page and in the trace.
@@ -140,6 +147,9 @@ class Page:
     def may_move(self, what: str) -> bool:
         """Return whether the visitor may give an order that lets the robot move. It must not be late."""
         if not self.may(what):
+            return False
+        if self.plays_log:
+            ui.notify(f"{what} was refused: a log plays, and no robot would move", type="negative")
             return False
         if self.dead_man.is_prompt(time.monotonic()):
             return True

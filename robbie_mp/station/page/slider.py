@@ -11,3 +11,9 @@ class Slider(ui.slider):
     """
 
     LOOPBACK = False
+
+    def show(self, least: float, most: float) -> None:
+        """Change the ends of the slider."""
+        if (self.props["min"], self.props["max"]) != (least, most):
+            self.props["min"], self.props["max"] = least, most
+            self.update()

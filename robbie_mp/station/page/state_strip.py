@@ -17,7 +17,7 @@ from robbie_mp.station.page.alarms import Alarms, causes_of
 from robbie_mp.station.page.state_item import ALERT, GOOD, UNKNOWN, WARNING, StateItem, clock_text
 
 if TYPE_CHECKING:
-    from robbie_mp.bus.observe import ModuleFigures
+    from robbie_mp.bus.observe import ModuleFigures, RunReading
     from robbie_mp.station.context import StationContext
     from robbie_mp.station.page.page import Page
     from robbie_mp.station.panel import Panel
@@ -51,6 +51,7 @@ class StateStrip:
         self._panels = panels
         self._battery = station.messages.newest(BatteryState)
         self._link = station.messages.newest(LinkState)
+        self._now_s = station.robot.births.now_s
         self._charges: deque[tuple[float, float]] = deque(maxlen=600)
         self._charges_count = 0
         self._restarts: deque[tuple[float, int]] = deque(maxlen=round(RESTARTS_S / PERIOD_S) * 4)
@@ -86,9 +87,22 @@ class StateStrip:
         page.always(PERIOD_S, update)
 
     def _look(self) -> Iterator[StateItem]:
-        reading, rates = self._run.figures.reading, self._run.figures.rates
+        reading = self._run.figures.reading
         if reading is None:
             return
+        if not self._run.log_source:  # otherwise that would be said of what plays the log
+            yield from self._module_items(reading)
+        if self._battery.message is not None:
+            yield self._battery_item(self._battery.message)
+        if self._link.message is not None:
+            yield self._link_item(self._link.message)
+        if not self._run.log_source:
+            yield self._machine_item(reading)
+        yield self._restarts_item(reading.modules)
+        if not self._run.log_source:
+            yield self._recording_item(reading.modules)
+
+    def _module_items(self, reading: RunReading) -> Iterator[StateItem]:
         began_ns = min((one.started_ns for one in reading.modules if one.started_ns), default=reading.at_ns)
         yield StateItem(
             "time", "schedule", clock_text((reading.at_ns - began_ns) / 1e9), detail="time of the run"
@@ -96,10 +110,9 @@ class StateStrip:
         for module in reading.modules:
             if module.name == MISSION and module.states:
                 yield StateItem("mission", "flag", module.states[:24], detail=module.status)
-        if self._battery.message is not None:
-            yield self._battery_item(self._battery.message)
-        if self._link.message is not None:
-            yield self._link_item(self._link.message)
+
+    def _machine_item(self, reading: RunReading) -> StateItem:
+        rates = self._run.figures.rates
         percents = rates.cpu_percent if rates else ()
         machine = reading.machine
         used = 1 - machine.memory_available_bytes / max(1, machine.memory_total_bytes)
@@ -107,9 +120,7 @@ class StateStrip:
         look = ALERT if used > 1 - LITTLE_MEMORY else WARNING if mean > BUSY_PERCENT else GOOD
         text = f"cpu {mean:.0f}% mem {used:.0%}"
         alarm = f"The robot's computer is short of memory: {used:.0%} are used." if look == ALERT else ""
-        yield StateItem("machine", "memory", text, look, "processors and memory of the robot", alarm)
-        yield self._restarts_item(reading.modules)
-        yield self._recording_item(reading.modules)
+        return StateItem("machine", "memory", text, look, "processors and memory of the robot", alarm)
 
     def _battery_item(self, state: BatteryState) -> StateItem:
         if (self._battery.age_s or 0.0) > OLD_S:
@@ -123,7 +134,7 @@ class StateStrip:
             )
         if self._battery.count != self._charges_count and math.isfinite(state.percentage):
             self._charges_count = self._battery.count
-            self._charges.append((time.monotonic(), state.percentage))
+            self._charges.append((self._now_s(), state.percentage))
         left_s = time_left_s(self._charges)
         left = f" {clock_text(left_s)}" if left_s is not None and left_s < 360_000 else ""
         low = state.percentage < LOW_CHARGE or (left_s is not None and left_s < LOW_TIME_S)

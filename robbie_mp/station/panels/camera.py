@@ -14,7 +14,6 @@ from robbie_mp.station.panels.camera_look import CameraLook, direction_of
 from robbie_mp.station.panels.cameras import REFRESH_S, DetectionBoxes, NewestImage
 from robbie_mp.station.panels.light_controls import LightSwitch
 from robbie_mp.station.panels.teaching import Teaching
-from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -74,7 +73,7 @@ class CameraPanel(Panel):
         """Build the large picture, the small ones, the display, and an operator's tools."""
         ui.add_css(STYLE)
         stage = Stage(self._robot.cameras, self._looks, self._scale_m_per_s)
-        if page.role is Role.OPERATOR:
+        if page.can_command:
             self._teaching.build(page, self.name, stage.root, lambda: stage.chosen)
             LightSwitch(page, self._robot.lights, self.name)
             with stage.root:

@@ -14,7 +14,6 @@ from robbie_mp.station.driving.held_control import HeldControl
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.light_controls import LightSliders
 from robbie_mp.station.watch.joints import MAX_JOINTS
-from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
@@ -111,7 +110,7 @@ class JointsPanel(Panel):
                 for topic, command in self._joints.commands(goals.positions, age_s, header).items():
                     page.publish(command, "the command", topic)
 
-        if page.role is Role.OPERATOR:
+        if page.can_command:
             controls.on("move", move)
 
         def update() -> None:
@@ -120,7 +119,7 @@ class JointsPanel(Panel):
             is_other = control.is_other_driving
             delay = page.driver.delay if page.driver is not None else ""
             seat.set_text("somebody else drives; take over in Drive to move joints" if is_other else delay)
-            can_move = page.role is Role.OPERATOR and not is_other
+            can_move = page.can_command and not is_other
             controls.set(joints=rows, poses=self.poses(), can_move=can_move)
 
         page.every(0.2, self.name, update)

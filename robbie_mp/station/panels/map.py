@@ -41,7 +41,6 @@ from robbie_mp.station.scene_view.picture_pose import MAP, pose_for_picture
 from robbie_mp.station.scene_view.point_sources import PointSources
 from robbie_mp.station.scene_view.points import packed
 from robbie_mp.station.scene_view.surroundings import other_robots
-from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
@@ -130,12 +129,12 @@ class MapPanel(Panel):
         """Build the map and its tools."""
         with ui.row().classes("items-center map-tools"):
             mode = ui.toggle(MODES, value="").props("id=map-mode")
-            mode.set_visibility(page.role is Role.OPERATOR)
+            mode.set_visibility(page.can_command)
             undo = tool_button("undo", "map-undo", "Undo: take back the last goal")
-            undo.set_visibility(page.role is Role.OPERATOR)
+            undo.set_visibility(page.can_command)
             cancel = tool_button("wrong_location", "map-cancel", "Cancel goal")
             cancel.set_text("Cancel goal")
-            cancel.set_visibility(page.role is Role.OPERATOR)
+            cancel.set_visibility(page.can_command)
             drawing_tools = ui.row().classes("items-center")
             follows = ui.toggle(FOLLOWS, value="stay").props("id=map-follow")
         with ui.element("div").classes("map-stage shows-age fills"):
@@ -167,7 +166,7 @@ class MapPanel(Panel):
             place(page, self._clock, placement, self._pose.message)
             mode.set_value("")
 
-        if page.role is Role.OPERATOR:
+        if page.can_command:
             mode.on_value_change(lambda event: view.set(placing=str(event.value or "")))
             view.on("placed", placed)
             undo.on_click(goals.undo)

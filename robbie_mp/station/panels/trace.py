@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from nicegui import ui
 
 from robbie_mp.base.utc import time_of_day
+from robbie_mp.messages import PlaybackState
 from robbie_mp.run.plan import CORE
 from robbie_mp.run.supervisor.output import SUPERVISOR
 from robbie_mp.run.trace.crash import CrashReport, report_files
@@ -19,6 +20,7 @@ from robbie_mp.run.trace.reader import TraceFollower, crash_reports, module_name
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.supervisor_orders import ModuleOrder
+from robbie_mp.station.past.log_trace import LogTrace
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -38,6 +40,8 @@ COLOURS = {
     Kind.INFO: "",
     Kind.SYSTEM: "text-grey-6",
 }
+LOG, RUN = "log", "run"
+SOURCES = {LOG: "The log", RUN: "This run"}
 SHOWN_AT_FIRST = [Kind.ERROR, Kind.WARNING, Kind.INFO]
 
 
@@ -58,6 +62,8 @@ class TracePanel(Panel):
         self.reports: list[CrashReport] = []
         self._report_files: list[Path] = []
         self._next_s = 0.0
+        self._playback = station.messages.newest(PlaybackState)
+        self._log = LogTrace()
 
     def tick(self) -> None:
         """Read new entries for all pages, if any is open."""
@@ -68,6 +74,8 @@ class TracePanel(Panel):
             # A new deque, because pages read the old one meanwhile.
             self.entries = deque((*self.entries, *new), KEPT)
             self.modules = module_names(self._output)
+        if self._playback.message is not None:
+            self._log.read(self._playback.message.file)
         files = report_files(trace_folder(self._output), None)
         if files != self._report_files:
             self._report_files = files
@@ -82,29 +90,42 @@ class TracePanel(Panel):
             module = ui.select([""], label="module", value="").props("id=trace-module dense").classes("w-32")
             words = ui.input("text").props("for=trace-text clearable dense").classes("w-28")
             ui.space()
+            of_log = ui.toggle(SOURCES, value=LOG if page.plays_log else RUN).props("id=trace-of")
+            of_log.set_visibility(page.plays_log)
             recorded = RecordedKinds(self._run_folder, page)
         log = ui.log(max_lines=SHOWN).classes("w-full fills").props("id=trace-log tabindex=0")
         reports = ui.column().classes("w-full").props("id=trace-crashes")
         shown = ShownEntries()
 
         def update() -> None:
-            if module.options != ["", *self.modules]:
-                module.set_options(["", *self.modules])
-            recorded.update(module.value or "")
-            wanted = Filter(kinds.value or [], module.value or "", words.value or "")
-            if wanted != shown.filter:
+            is_log = of_log.value == LOG
+            source = self._log if is_log else self
+            entries = self._entries_of_log() if is_log else self.entries
+            if module.options != ["", *source.modules]:
+                module.set_options(
+                    ["", *source.modules], value=module.value if module.value in source.modules else ""
+                )
+            recorded.update(module.value or "", is_shown=not is_log)
+            wanted = Filter(kinds.value or [], module.value or "", words.value or "", is_log=is_log)
+            last = entries[-1].number if entries else 0
+            if wanted != shown.filter or last < shown.number:  # the log has gone back
                 shown.filter, shown.number = wanted, 0
                 log.clear()
-            for entry in newest(self.entries, wanted, shown.number):
+            for entry in newest(entries, wanted, shown.number):
                 log.push(line_of(entry), classes=COLOURS[entry.kind])
-            shown.number = self.entries[-1].number if self.entries else 0
-            if shown.reports is not self.reports:
-                shown.reports = self.reports
+            shown.number = last
+            if shown.reports is not source.reports:
+                shown.reports = source.reports
                 reports.clear()
                 with reports:
-                    build_reports(self.reports)
+                    build_reports(source.reports)
 
         page.every(REFRESH_S, self.name, update)
+
+    def _entries_of_log(self) -> Sequence[Entry]:
+        """Return what the log's run had said up to the moment that is shown."""
+        state = self._playback.message
+        return () if state is None else self._log.until(state.position.nanoseconds / 1e9, KEPT)
 
 
 class RecordedKinds:
@@ -131,8 +152,9 @@ class RecordedKinds:
             self._shown = kinds
             self._order = ModuleOrder(self._run_folder, "record", self._module or None, kinds=kinds)
 
-    def update(self, module: str) -> None:
+    def update(self, module: str, *, is_shown: bool = True) -> None:
         """Show the kinds recorded of a module ('': of all), unless they are just being changed."""
+        self._kinds.set_visibility(is_shown)
         if self._order is not None and self._order.answer is None:
             return
         if self._order is not None:
@@ -155,10 +177,11 @@ class Filter:
         kinds: only these kinds.
         module: only this module; '': all.
         text: only entries that contain this text, in upper or lower case.
+        is_log: whether they are entries of the log that plays.
     """
 
-    def __init__(self, kinds: Iterable[str], module: str, text: str):
-        self._wanted = (frozenset(kinds), module, text.casefold())
+    def __init__(self, kinds: Iterable[str], module: str, text: str, *, is_log: bool = False):
+        self._wanted = (frozenset(kinds), module, text.casefold(), is_log)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Filter) and other._wanted == self._wanted
@@ -167,7 +190,7 @@ class Filter:
 
     def passes(self, entry: Entry) -> bool:
         """Return whether an entry passes the filter."""
-        kinds, module, text = self._wanted
+        kinds, module, text, _ = self._wanted
         return (
             entry.kind in kinds
             and module in ("", entry.module)
@@ -185,7 +208,7 @@ class ShownEntries:
         self.reports: list[CrashReport] | None = None
 
 
-def newest(entries: deque[Entry], wanted: Filter, after: int) -> list[Entry]:
+def newest(entries: Sequence[Entry], wanted: Filter, after: int) -> list[Entry]:
     """Return the newest entries after a number that pass the filter, the oldest first."""
     found: list[Entry] = []
     for entry in reversed(entries):

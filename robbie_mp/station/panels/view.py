@@ -17,7 +17,6 @@ from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.scene_view.drawing import Moving, SceneDrawing
 from robbie_mp.station.scene_view.surroundings import SceneContents, Surveyor
-from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
     from robbie_mp.station.context import StationContext
@@ -74,7 +73,7 @@ class ViewPanel(Panel):
                 )
             }
             sets_goal = ui.switch("set goal").props("id=view-goal")
-            sets_goal.set_visibility(page.role is Role.OPERATOR)
+            sets_goal.set_visibility(page.can_command)
             with (
                 tool_button("layers", "view-layers", "What is drawn"),
                 ui.menu(),
@@ -115,7 +114,7 @@ class ViewPanel(Panel):
                 with stage:
                     made.append(self._make_scene())
                 made[0][0].set(**wishes)
-                if page.role is Role.OPERATOR:
+                if page.can_command:
                     made[0][0].on("placed", placed)
             if self.surroundings is not None:
                 shown.set_text(in_words(self.surroundings))

@@ -31,8 +31,14 @@ PLAYER_PATH = "/clip-player"
 FOLDER = "player"
 RUNS = "robbie"
 """Folder for runs below `XDG_RUNTIME_DIR`."""
-PANELS = ("map", "camera", "view", "cameras", "plots", "messages")
-LAYOUT = {"map": [0, 0, 9, 24], "camera": [9, 0, 8, 13], "view": [17, 0, 7, 13], "plots": [9, 13, 15, 11]}
+PANELS = ("map", "camera", "view", "cameras", "plots", "trace", "messages")
+LAYOUT = {
+    "map": [0, 0, 9, 24],
+    "camera": [9, 0, 8, 13],
+    "view": [17, 0, 7, 13],
+    "plots": [9, 13, 8, 11],
+    "trace": [17, 13, 7, 11],
+}
 OTHER_LAYOUTS = ("Drive", "Mission", "Engineer", "Tablet")
 """Panels that messages alone fill, and their places on the page that plays a clip; layouts that it lacks."""
 START_S = 60.0

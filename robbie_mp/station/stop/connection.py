@@ -13,6 +13,7 @@ import contextlib
 import json
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -57,10 +58,17 @@ class StopService:
     Args:
         requests: passes presses on to the base.
         state: the newest report of the base.
+        is_of_log: returns whether that report comes from a log, so that no base listens here.
     """
 
-    def __init__(self, requests: StopRequests, state: Latest[EmergencyStop]):
+    def __init__(
+        self,
+        requests: StopRequests,
+        state: Latest[EmergencyStop],
+        is_of_log: Callable[[], bool] = lambda: False,
+    ):
         self._requests = requests
+        self._is_of_log = is_of_log
         self._state = state
         self._ends = False
 
@@ -97,6 +105,7 @@ class StopService:
                 "engaged": None if state is None else state.engaged,
                 "reason": "" if state is None else state.reason,
                 "age_s": self._state.age_s,
+                "is_of_log": self._is_of_log(),
                 "now_s": time.monotonic(),
                 "ends": self._ends,
             }

@@ -74,6 +74,8 @@ export default {
       if (kept || (answer && answer.waits_s !== null)) return this.shown_while_pending();
       if (this.is_lost) return { state: "no link", look: "", detail: `for ${this.lost_s} s; before: ${before}` };
       if (!answer) return { state: "connecting", look: "", detail: "" };
+      if (answer.is_of_log)
+        return { state: `log${before === "unknown" ? "" : `: ${before}`}`, look: "", detail: "no robot is connected" };
       if (answer.age_s === null) return { state: "base silent", look: "", detail: "it has said nothing yet" };
       if (answer.age_s > STALE_S)
         return { state: "base silent", look: "", detail: `for ${Math.floor(answer.age_s)} s; before: ${before}` };
@@ -202,6 +204,7 @@ const robot_clock = {
 const MAX_DRIFT = 1e-3;
 // The age of what was measured at a time of the robot's clock, s; null if that is not known.
 window.robot_age_s = (born_s) => {
+  if (window.log_age_s) return window.log_age_s(born_s); // beside a log, times are the log's (page/log_clock.js)
   if (born_s == null || !robot_clock.limits) return null;
   const offset_s = (robot_clock.limits[0] + robot_clock.limits[1]) / 2;
   return Math.max(0, performance.now() / 1000 + offset_s - born_s);
@@ -210,8 +213,9 @@ window.robot_age_s = (born_s) => {
 window.robot_way_s = (sent_s, came_s) =>
   robot_clock.limits ? Math.max(0, came_s + robot_clock.limits[0] - sent_s) : null;
 window.age_text = (age_s) => {
-  if (age_s < 9.95) return `${age_s.toFixed(1)} s old`;
-  return age_s < 120 ? `${Math.round(age_s)} s old` : `${Math.round(age_s / 60)} min old`;
+  const word = window.log_age_s ? "off" : "old"; // after a seek, a log may show what comes later
+  if (age_s < 9.95) return `${age_s.toFixed(1)} s ${word}`;
+  return age_s < 120 ? `${Math.round(age_s)} s ${word}` : `${Math.round(age_s / 60)} min ${word}`;
 };
 
 const BEAT_MS = 250;

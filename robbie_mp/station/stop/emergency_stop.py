@@ -41,20 +41,31 @@ class EmergencyStopControl:
         clock: tells the time.
         publish: sends stops and releases to the base.
         can_release: whether pages have the button that releases it.
+        log_source: name of the module that plays a log; '' if there is none.
 
     Attributes:
         service: serves the buttons of all pages.
     """
 
-    def __init__(self, messages: MessageSource, clock: Clock, publish: Publish, *, can_release: bool = True):
+    def __init__(
+        self,
+        messages: MessageSource,
+        clock: Clock,
+        publish: Publish,
+        *,
+        can_release: bool = True,
+        log_source: str = "",
+    ):
         self._can_release = can_release
+        self._log_source = log_source
+        self._is_of_log = bool(log_source)
         self._messages = messages
         self._clock = clock
         self._publish = publish
         self._state = messages.newest(EmergencyStop, STATE_TOPIC)
         self._requests = StopRequests(self._send)
         self._state.listen(self._see)
-        self.service = StopService(self._requests, self._state)
+        self.service = StopService(self._requests, self._state, lambda: self._is_of_log)
 
     def tick(self) -> None:
         """Repeat presses that the base has not confirmed; called in the module's thread."""
@@ -67,12 +78,13 @@ class EmergencyStopControl:
         return self._publish(message, topic=REQUEST_TOPIC)
 
     def _see(self, state: EmergencyStop) -> None:
+        self._is_of_log = self._log_source == self._messages.envelope.sender
         self._requests.see(engaged=state.engaged, published_s=self._messages.envelope.published_ns / 1e9)
 
     @property
     def _can_be_released(self) -> bool:
         is_engaged = self._state.message is not None and self._state.message.engaged
-        return is_engaged or self._requests.waits_s is not None
+        return not self._is_of_log and (is_engaged or self._requests.waits_s is not None)
 
     def build(self, page: Page) -> None:
         """Build the stop button of a page, and the button that releases the stop."""

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 from robbie_mp.messages import Time
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from robbie_mp.module.clock import Clock
     from robbie_mp.station.watch.latest import Latest
 
@@ -16,16 +18,20 @@ MAX_AGE_S = 3600.0
 
 
 class Births:
-    """Tells times of measurement on the robot's monotonic clock, from the stamps of messages.
+    """Tells times of measurement on the clock of ages, from the stamps of messages.
+
+    That is the robot's monotonic clock, or the time of the log that plays.
 
     Args:
         clock: the station's clock, which is the robot's own.
+        now_s: the clock of ages.
         is_real: whether stamps are of that clock. In a simulation or playback with a time of its own, a
             message counts as measured when it arrived.
     """
 
-    def __init__(self, clock: Clock, *, is_real: bool):
+    def __init__(self, clock: Clock, now_s: Callable[[], float] = time.monotonic, *, is_real: bool):
         self._clock = clock
+        self.now_s = now_s
         self._is_real = is_real
 
     def of(self, latest: Latest[Any]) -> float | None:
@@ -39,13 +45,13 @@ class Births:
 
         Args:
             message: with or without a header.
-            arrived_s: when it arrived, on the monotonic clock.
+            arrived_s: when it arrived, on the clock of ages.
         """
         header = getattr(message, "header", None)
         if header is None or not self._is_real:
             return arrived_s
         age_s = (self._clock.now_ns() - header.stamp.nanoseconds) / 1e9
-        return time.monotonic() - age_s if 0.0 <= age_s <= MAX_AGE_S else arrived_s
+        return self.now_s() - age_s if 0.0 <= age_s <= MAX_AGE_S else arrived_s
 
 
 def time_before(stamp: Time, age_s: float) -> Time:

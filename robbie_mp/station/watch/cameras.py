@@ -1,5 +1,6 @@
 """The newest images of the robot's cameras, and what was detected in them."""
 
+import time
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
@@ -53,7 +54,7 @@ class CameraTopic:
     """The images of one topic."""
 
     def __init__(self, births: Births | None = None) -> None:
-        self.latest: Latest[Image | CompressedImage] = Latest()
+        self.latest: Latest[Image | CompressedImage] = Latest(births.now_s if births else time.monotonic)
         self.picture = NewestPicture(self.latest, births)
 
     def boxes(

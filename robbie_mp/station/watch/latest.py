@@ -12,12 +12,16 @@ from robbie_mp.module.module import MessageHandling
 class Latest(Generic[MessageType]):
     """Holds the newest message of a kind. The module's thread writes it; the page server's threads read it.
 
+    Args:
+        now_s: the clock of ages.
+
     Attributes:
         message: None before the first one.
         count: number of messages so far. A page compares it to find out whether it has shown the newest one.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._now_s = now_s
         self.message: MessageType | None = None
         self.count = 0
         self._put_s = 0.0
@@ -27,16 +31,16 @@ class Latest(Generic[MessageType]):
     @property
     def age_s(self) -> float | None:
         """Time since the newest message arrived; None before the first one."""
-        return time.monotonic() - self._put_s if self.count else None
+        return max(0.0, self._now_s() - self._put_s) if self.count else None
 
     @property
     def arrived_s(self) -> float:
-        """When the newest message arrived, on the monotonic clock; 0 before the first one."""
+        """When the newest message arrived, on the clock of ages; 0 before the first one."""
         return self._put_s
 
     def put(self, message: MessageType) -> None:
         """Replace the message by a newer one."""
-        self._put_s = time.monotonic()
+        self._put_s = self._now_s()
         self.message = message
         self.count += 1
         for listener in self._listeners:

@@ -4,10 +4,22 @@ import time
 from collections import deque
 
 from robbie_mp.bus.observe import RunObserver, RunRates, RunReading, rates_between
+from robbie_mp.run.plan import RunPlan
 
 REFRESH_S = 1.0
 DESCRIBED_READINGS = 10
 """Number of readings over which quantiles are computed."""
+
+
+PLAYBACK_CLASS = "robbie_mp.logs.playback.module:Playback"
+
+
+def log_source(plan: RunPlan) -> str:
+    """Return the name of the module whose log drives the run's clock; '' if there is none."""
+    found = (
+        one.name for one in plan.modules if one.name == plan.clock.source and one.class_path == PLAYBACK_CLASS
+    )
+    return next(found, "")
 
 
 class RunWatch:

@@ -28,7 +28,7 @@ from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.playback_bar import PlaybackBar
 from robbie_mp.station.page.state_strip import StateStrip
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels, panels_in_order
-from robbie_mp.station.past.banner import PastBanner
+from robbie_mp.station.past.banner import LogBanner, PastBanner
 from robbie_mp.station.past.files import RunFiles
 from robbie_mp.station.past.passing import with_clip_player
 from robbie_mp.station.stop.emergency_stop import EmergencyStopControl
@@ -133,7 +133,11 @@ class Website:
         self._strip = StateStrip(station, self._panels)
         past = station.settings.past_of
         self._emergency_stop = EmergencyStopControl(
-            station.messages, station.clock, module.publish, can_release=not past
+            station.messages,
+            station.clock,
+            module.publish,
+            can_release=not past,
+            log_source=module.log_source,
         )
         known = station.run.known
         RunFiles(known.folder, station.run.output_directory, known.record.profile if known.record else "")
@@ -155,18 +159,20 @@ class Website:
         marker = MomentMarker(station.clock, station.log)
         style, is_ours = first_paint.serve(), first_paint.are_ours(map(type, self._panels))
         below = [panel.build_below_tiles for panel in self._panels]
-        if past := station.settings.past_of:
+        past = station.settings.past_of
+        if past or self._module.log_source:
+            banner = PastBanner(past.get("title", "")) if past else LogBanner(station.messages)
             return PageParts(
                 driver=None,
                 strip=strip.build,
                 tools=[self._emergency_stop.build],
-                bars=[PastBanner(past.get("title", "")).build],
+                bars=[banner.build],
                 foot=[playback.build],
                 panels=titled,
                 plays_log=lambda: playback.has_log,
                 first_paint=style,
                 is_ours=is_ours,
-                stop_path=past.get("path", ""),
+                stop_path=past.get("path", "") if past else None,
             )
         return PageParts(
             driver=lambda page: Driver(station, page, self._module.publish),
@@ -200,6 +206,7 @@ class Website:
         session, link = client.request.scope[SESSION], BrowserLink(core.sio, client.id)
         page = Page(client.id, session, self._access, self._module, link)
         page.shows_past = bool(self._context.settings.past_of)
+        page.plays_log = bool(self._module.log_source)
         operators.opened(page)
         client.on_delete(lambda: operators.closed(page))
         return page
