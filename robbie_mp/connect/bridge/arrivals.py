@@ -2,12 +2,16 @@
 
 import logging
 import math
+from collections.abc import Iterable
 from typing import Any, cast
 
+from robbie_mp.base.visible_text import one_line
+from robbie_mp.bus.transport.records import MessageHandling
 from robbie_mp.connect.bridge.driving import drive_command
 from robbie_mp.connect.bridge.mapping import Incoming
 from robbie_mp.connect.bridge.orders import RELEASE_WITHIN_S
 from robbie_mp.messages import (
+    ControlState,
     DriveCommand,
     EmergencyStop,
     Message,
@@ -22,6 +26,10 @@ from robbie_mp.messages import (
 from robbie_mp.module.calls.errors import TooManyCalls
 from robbie_mp.module.module import Module
 
+CONTROL_TOPIC = "control"
+"""On which the base says who controls the robot."""
+MODES = {ControlState.HOLD: "HOLD", ControlState.MANUAL: "MANUAL"}
+"""Those in which the robot does not drive by itself."""
 IN_A_ROW = 20
 """After this number of refused messages, their sender is known to be too far away."""
 
@@ -51,6 +59,40 @@ class AgeLog:
         if self._in_a_row == IN_A_ROW:
             age = f"may be {age_s:.1f} s old" if math.isfinite(age_s) else "are of unknown age"
             self._log.warning("messages on %s are refused: they %s; %s", incoming.name, age, self._cause)
+
+
+class GoalGate:
+    """Refuses goals that come while the robot may not drive by itself.
+
+    Otherwise they would wait without a word, and the operator who later orders the robot to go on may not
+    know of them. A goal that was accepted before that waits.
+
+    Args:
+        module: the bridge, in its `setup()`.
+        incoming: what its settings say comes in.
+    """
+
+    def __init__(self, module: Module, incoming: Iterable[Incoming]):
+        self._log = module.log
+        self._control = ControlState()
+        self.refused = 0
+        if any(one.becomes is NavigateTo for one in incoming):
+            newest = MessageHandling.KEEP_ONLY_NEWEST
+            module.subscribe(ControlState, self._on_control, newest, topic=CONTROL_TOPIC, optional=True)
+
+    def _on_control(self, control: ControlState) -> None:
+        self._control = control
+
+    def refuses(self, incoming: Incoming) -> str:
+        """Return why a message is refused, and tell it; "" if it is not."""
+        mode = MODES.get(self._control.mode, "")
+        if incoming.becomes is not NavigateTo or not mode:
+            return ""
+        reason = f": {one_line(self._control.reason)}" if self._control.reason else ""
+        problem = f"the robot is in {mode}{reason}; order it to go on, and send the goal again"
+        self.refused += 1
+        self._log.warning("a goal on %s is refused: %s", incoming.name, problem)
+        return problem
 
 
 def hand_over(

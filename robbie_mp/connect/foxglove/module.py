@@ -14,7 +14,7 @@ from robbie_mp.base.linux.private_files import make_private_folder
 from robbie_mp.bus.observe.run_observer import RunObserver
 from robbie_mp.bus.transport.endpoint import TooManyDeclarations
 from robbie_mp.bus.transport.tables import ChannelName
-from robbie_mp.connect.bridge.arrivals import hand_over
+from robbie_mp.connect.bridge.arrivals import GoalGate, hand_over
 from robbie_mp.connect.bridge.diagnostics import MAX_LINES, TraceLines
 from robbie_mp.connect.bridge.driving import drive_command
 from robbie_mp.connect.bridge.foreign import (
@@ -219,6 +219,7 @@ class FoxgloveServer(Module):
         self._foreign: dict[ClientChannel, type[Message] | str] = {}
         self._frames = FrameMap(self.frames)
         self._accepted = {one.name: one for one in self._map.incoming}
+        self._gate = GoalGate(self, self._map.incoming)
         self._newest_only = [TypeAndTopic(type_pattern(one), "*") for one in self.newest]
         self._shown: dict[ChannelName, ShownChannel] = {}
         self._by_id: dict[int, ShownChannel] = {}
@@ -582,7 +583,10 @@ class FoxgloveServer(Module):
         elif accepted.becomes is not None and not accepted.drives:
             waited_s = arrived.age_s + max(0, self.clock.monotonic_ns() - arrived.arrived_ns) / 1e9
             data = message.encode()
-            if not hand_over(self, accepted, type(message), data, self.drive_valid_for_s, waited_s):
+            if problem := self._gate.refuses(accepted):
+                self.refused[f"goals on {accepted.name}, while the robot does not drive by itself"] += 1
+                self.server.show_problem(f"refused a goal on {accepted.name}: {problem}")  # each time
+            elif not hand_over(self, accepted, type(message), data, self.drive_valid_for_s, waited_s):
                 self._refuse(f"{type_name:.200} on {name:.200}: it is too old, or the robot has no room")
         else:
             self.publish(message, topic=accepted.topic)

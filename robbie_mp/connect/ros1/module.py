@@ -11,7 +11,7 @@ from robbie_mp.bus.observe import RunReading, rates_between
 from robbie_mp.bus.observe.run_observer import RunObserver
 from robbie_mp.bus.transport.blocks import MessageTooLarge
 from robbie_mp.bus.transport.endpoint import TooManyDeclarations
-from robbie_mp.connect.bridge.arrivals import AgeLog, hand_over
+from robbie_mp.connect.bridge.arrivals import AgeLog, GoalGate, hand_over
 from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
 from robbie_mp.connect.bridge.foreign import ForeignTypeRefused, RecordersDoNotLearn, learn_foreign
 from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap
@@ -120,6 +120,7 @@ class Ros1Bridge(Module):
         self.map = _mapping(self.send, self.accept, self.namespace, self.surroundings.types)
         self.warnings = WarnOnce(self.log)
         self._ages = AgeLog(self.log, FAR)
+        self._gate = GoalGate(self, self.map.incoming)
         self.sent = self.unheard = self.accepted = self.refused = 0
         self._channels: dict[tuple[str, int, str], _Channel | None] = {}
         self._incoming: dict[int, tuple[Incoming, Ros1Type]] = {}
@@ -325,6 +326,8 @@ class Ros1Bridge(Module):
                 return False
             if incoming.lets_move:
                 self._ages.note(incoming, waited_s, self.command_valid_s)
+            if self._gate.refuses(incoming):
+                return False
             return hand_over(self, incoming, message_type, encoded, self.command_valid_s, waited_s)
         except (ConversionError, ForeignFrame, MessageError, MessageTooLarge, TooManyDeclarations) as error:
             self.warnings.say(f"a message on {incoming.name} is refused", error)

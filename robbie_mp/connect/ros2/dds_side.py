@@ -9,13 +9,17 @@ without it, and the bridge names other publishers that CycloneDDS ignores.
 
 import re
 import time
+from collections import OrderedDict
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.ros2.idl_types import raw_type, sample_of, topic_of
+from robbie_mp.connect.ros2.nodes import Admission
+from robbie_mp.connect.ros2.rtps import wire
 from robbie_mp.connect.ros2.rtps.participant import NoInterface
 from robbie_mp.connect.ros2.rtps.services import FEEDBACK, DdsServices
 from robbie_mp.connect.ros2.side import (
@@ -26,7 +30,7 @@ from robbie_mp.connect.ros2.side import (
     RosChannel,
 )
 from robbie_mp.connect.ros2.type_hash import type_hash
-from robbie_mp.messages import Message, from_dict
+from robbie_mp.messages import Message, MessageError, from_dict
 from robbie_mp.messages.schema_parser import message_type_from_schema
 
 if TYPE_CHECKING:
@@ -36,6 +40,8 @@ if TYPE_CHECKING:
 
 LOOPBACK = "lo"
 MAX_TAKEN = 256
+MAX_TOLD_BYTES = 1 << 18
+"""A participant that tells more of its nodes is not believed; 16,000 endpoints take as much."""
 DISCOVERY = "ros_discovery_info"
 NODES = message_type_from_schema(
     "rmw_dds_common/msg/ParticipantEntitiesInfo",
@@ -65,6 +71,8 @@ PADDED_TO = 4
 LOOK_NS = 1_000_000_000
 """Time between two looks at the types of others' endpoints."""
 MAX_ENDPOINTS = 1000
+MAX_LOOKED_AT = 16
+"""Most new endpoints of each kind that are read at once."""
 IGNORED_AFTER_LOOKS = 5
 """A publisher counts as ignored by CycloneDDS once it has been missing there at this many looks in a row."""
 REFUSAL = "CycloneDDS ignores a publisher of {}; restart this module (see docs/ros2.md)"
@@ -83,6 +91,15 @@ def settings_of_domain(interface: str) -> str:
     return _SETTINGS.format(interface=interface, multicast=multicast, peers=peers)
 
 
+class _Endpoint(NamedTuple):
+    """What an endpoint of another participant says of its topic."""
+
+    is_writer: bool
+    topic: str
+    type_name: str
+    hashes: list[bytes]
+
+
 @dataclass
 class DdsSide:
     """The robot as a node in a domain of DDS.
@@ -92,6 +109,7 @@ class DdsSide:
         inbox: where messages go.
         types: returns the class of a type's messages.
         interface: the network interface to use; on `lo`, only nodes of this machine are found.
+        admission: which nodes it deals with; CycloneDDS cannot keep others from reading what it sends.
 
     Raises:
         Ros2Unavailable: a package is missing, or the interface.
@@ -101,6 +119,7 @@ class DdsSide:
     inbox: MiddlewareInbox
     types: "Callable[[str], type[Message]]"
     interface: str = LOOPBACK
+    admission: Admission = field(default_factory=lambda: Admission(["*"], 0))
     incompatible: int = 0
     """Endpoints of others that do not fit because of their quality of service."""
     refusal: str = ""
@@ -117,6 +136,12 @@ class DdsSide:
     _offered: dict[str, RosChannel] = field(default_factory=dict)
     _named: set[bytes] = field(default_factory=set)
     """Endpoints of other types that have been counted."""
+    _others: "OrderedDict[bytes, _Endpoint]" = field(default_factory=OrderedDict)
+    """What endpoints of others say, by their GUIDs; the oldest go first."""
+    _channels: int = 0
+    """Number of channels with which they were compared."""
+    _seen: set[bytes] = field(default_factory=set)
+    """Publishers that CycloneDDS knows, on the topics of `_asked`."""
     _looked_ns: int = 0
     _unknown: dict[bytes, int] = field(default_factory=dict)
     """Publishers that CycloneDDS does not know, with the number of looks."""
@@ -157,10 +182,79 @@ class DdsSide:
             BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication),
             BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription),
         )
-        alive = ViewState.Any | SampleState.Any | InstanceState.Alive
-        self._alive = tuple(ReadCondition(one, alive) for one in self._endpoints)
-        self._nodes = self._writer(topic_of(self._participant, DISCOVERY, self._told), True, True, 1, NODES)
+        new = ViewState.Any | SampleState.NotRead | InstanceState.Alive
+        self._new = tuple(ReadCondition(one, new) for one in self._endpoints)
+        self._tellers: dict[int, bytes] = {}
+        """Participants that have told of nodes which match, by the number of their publisher."""
+        self._senders: dict[int, bytes] = {}
+        """GUIDs of publishers, by the number that CycloneDDS gives them."""
+        told = topic_of(self._participant, DISCOVERY, self._told)
+        self._nodes = self._writer(told, True, True, 1, NODES)
         self._tell()
+        self._names = None if self.admission.is_open else self._listen_to_names(told)
+
+    def _listen_to_names(self, topic: Any) -> Any:
+        """Return a reader of what participants tell of their nodes."""
+        from cyclonedds.core import Policy, Qos  # noqa: PLC0415
+
+        policies = Qos(
+            Policy.Reliability.Reliable(0),
+            Policy.Durability.TransientLocal,
+            Policy.History.KeepAll,
+            Policy.IgnoreLocal.Participant,
+            Policy.Userdata(f"typehash={type_hash(NODES)};".encode()),
+        )
+        return self._reader(topic, policies, self._on_names)
+
+    def _on_names(self, reader: Any, handle: int, data: bytes, _sent_ns: int) -> None:
+        """Take what a participant tells of its own nodes; in a thread of CycloneDDS."""
+        try:
+            told: Any = NODES.decode(data) if len(data) <= MAX_TOLD_BYTES else None
+        except MessageError:
+            told = None
+        own = self._sender(reader, handle)[: wire.PREFIX_BYTES]
+        if told is None or bytes(told.gid.data)[: wire.PREFIX_BYTES] != own:
+            self.inbox.put_stranger("what a participant tells of its nodes is wrong")
+            return
+        nodes: dict[bytes, str] = {}
+        for one in told.node_entities_info_seq:
+            name = f"{one.node_namespace.rstrip('/')}/{one.node_name}"
+            nodes |= {bytes(gid.data): name for gid in (*one.reader_gid_seq, *one.writer_gid_seq)}
+        if self.admission.tell(own, nodes):
+            self._tellers[handle] = own
+
+    def _reader(self, topic: Any, policies: Any, take: "Callable[[Any, int, bytes, int], None]") -> Any:
+        """Return a reader.
+
+        Args:
+            topic: its topic.
+            policies: its quality of service.
+            take: gets the reader, the number of the publisher, each message, and when it was sent, in ns
+                since 1970; in another thread.
+        """
+        from cyclonedds.core import Listener  # noqa: PLC0415
+        from cyclonedds.sub import DataReader  # noqa: PLC0415
+
+        class Taking(Listener):  # type: ignore[misc, unused-ignore]
+            def on_data_available(self, reader: Any) -> None:
+                for sample in reader.take(MAX_TAKEN):
+                    if hasattr(sample, "raw"):
+                        about = sample.sample_info
+                        take(reader, about.publication_handle, sample.raw, about.source_timestamp)
+
+        return DataReader(self._participant, topic, policies, Taking())
+
+    def _sender(self, reader: Any, handle: int) -> bytes:
+        """Return the GUID of a publisher; empty if it has gone."""
+        found = self._senders.get(handle)
+        if found is None:
+            told = reader.get_matched_publication_data(handle)
+            found = told.key.bytes if told is not None else b""
+            if found:
+                if len(self._senders) >= MAX_ENDPOINTS:
+                    self._senders.clear()
+                self._senders[handle] = found
+        return found
 
     @property
     def unsent(self) -> int:
@@ -190,22 +284,18 @@ class DdsSide:
             self._heard[f"rt{channel.name}"] = channel
             self._tell()
             return
-        from cyclonedds.core import Listener  # noqa: PLC0415
-        from cyclonedds.sub import DataReader  # noqa: PLC0415
 
-        inbox = self.inbox
-
-        class Taking(Listener):  # type: ignore[misc, unused-ignore]
-            def on_data_available(self, reader: Any) -> None:
-                for sample in reader.take(MAX_TAKEN):
-                    if hasattr(sample, "raw"):
-                        inbox.put(channel, sample.raw, sample.sample_info.source_timestamp)
+        def take(reader: Any, handle: int, data: bytes, sent_ns: int) -> None:
+            is_asked = not self.admission.is_open or channel in self.inbox.taps
+            sender = self._sender(reader, handle) if is_asked else b""
+            put = partial(self.inbox.put, channel, data, sent_ns, sender)
+            self.admission.take(sender, f"a message on {channel.name}", len(data), put)
 
         topic, message_type = self._topic(channel)
         self._asked[f"rt{channel.name}"] = channel
         quality = channel.quality
         policies = self._quality(quality.is_reliable, quality.is_latched, quality.depth, message_type)
-        self._readers.append(DataReader(self._participant, topic, policies, Taking()))
+        self._readers.append(self._reader(topic, policies, take))
         self._tell()
 
     def serve(self, name: str, service: "ServiceType") -> None:
@@ -236,57 +326,81 @@ class DdsSide:
         """
         if self._services is not None and self._services.has_failed:
             raise Ros2Unavailable("the thread that serves requests has ended; the trace has its error")
+        self.admission.look_after()
+        is_complete = self._read_endpoints()
         if time.monotonic_ns() - self._looked_ns >= LOOK_NS:
             self._looked_ns = time.monotonic_ns()
-            publications, subscriptions = (
-                one.read(MAX_ENDPOINTS, alive)
-                for one, alive in zip(self._endpoints, self._alive, strict=True)
-            )
-            for endpoints, channels in (
-                (publications, self._asked | self._heard),
-                (subscriptions, self._offered),
-            ):
-                for endpoint in endpoints:
-                    self._compare(endpoint, channels)
-            # A full read may leave out endpoints that CycloneDDS knows.
-            is_complete = len(publications) < MAX_ENDPOINTS
-            ignored = self._ignored({one.key.bytes for one in publications}) if is_complete else []
+            self._forget_names()
+            # Before all new ones were read, one that CycloneDDS knows may be missing.
+            ignored = self._ignored() if is_complete and len(self._seen) < MAX_ENDPOINTS else []
             self.refusal = REFUSAL.format(", ".join(ignored)) if ignored else ""
         readers = sum(one.get_requested_incompatible_qos_status().total_count for one in self._readers)
         writers = self._writers.values()
         self.incompatible = readers + sum(
             one.get_offered_incompatible_qos_status().total_count for one in writers
         )
+        self.incompatible += self._services.incompatible if self._services is not None else 0
 
-    def _compare(self, endpoint: Any, channels: dict[str, RosChannel]) -> None:
-        """Count an endpoint of others whose topic has another type here; DDS keeps those apart."""
+    def _read_endpoints(self) -> bool:
+        """Read some of the endpoints that CycloneDDS has found since, and return whether these were all.
+
+        Reading one takes a millisecond, so a node that announces very many must not keep the module from its
+        work.
+        """
         from cyclonedds.core import Policy  # noqa: PLC0415
 
-        channel = channels.get(endpoint.topic_name)
-        if channel is None or endpoint.participant_key == self._participant.guid:
+        counts = []
+        for is_writer, reader, new in zip((True, False), self._endpoints, self._new, strict=True):
+            found = reader.read(MAX_LOOKED_AT, new)
+            counts.append(len(found))
+            for one in found:
+                if one.participant_key == self._participant.guid:
+                    continue
+                told = one.qos[Policy.Userdata].data if Policy.Userdata in one.qos else b""
+                endpoint = _Endpoint(is_writer, one.topic_name, one.type_name, HASH.findall(told))
+                self._others[one.key.bytes] = endpoint
+                self._compare(one.key.bytes, endpoint)
+                if is_writer and one.topic_name in self._asked and len(self._seen) < MAX_ENDPOINTS:
+                    self._seen.add(one.key.bytes)
+                if len(self._others) > MAX_ENDPOINTS:
+                    self._others.popitem(last=False)
+        channels = len(self._asked) + len(self._heard) + len(self._offered)
+        if channels != self._channels:
+            self._channels = channels
+            for key, endpoint in self._others.items():
+                self._compare(key, endpoint)
+        return max(counts) < MAX_LOOKED_AT
+
+    def _forget_names(self) -> None:
+        """Forget what participants that have gone have told of their nodes."""
+        if self._names is None:
             return
-        told = endpoint.qos[Policy.Userdata].data if Policy.Userdata in endpoint.qos else b""
-        hashes = HASH.findall(told)
+        alive = set(self._names.get_matched_publications())
+        for handle in [one for one in list(self._tellers) if one not in alive]:
+            self.admission.forget(self._tellers.pop(handle))
+
+    def _compare(self, key: bytes, endpoint: _Endpoint) -> None:
+        """Count an endpoint of others whose topic has another type here; DDS keeps those apart."""
+        topic = endpoint.topic
+        asked = self._asked.get(topic) or self._heard.get(topic)
+        channel = asked if endpoint.is_writer else self._offered.get(topic)
+        if channel is None:
+            return
         is_same = endpoint.type_name == channel.dds_type and channel.type_hash.encode() in (
-            hashes or [channel.type_hash.encode()]
+            endpoint.hashes or [channel.type_hash.encode()]
         )
-        key = endpoint.key.bytes
         if not is_same and key not in self._named and len(self._named) < MAX_ENDPOINTS:
             self._named.add(key)
-            shown = b" ".join(hashes).decode(errors="replace")
+            shown = b" ".join(endpoint.hashes).decode(errors="replace")
             self.inbox.put_stranger(f"{channel.name} has the type {endpoint.type_name} {shown}".rstrip())
 
-    def _ignored(self, known: set[bytes]) -> list[str]:
-        """Return the topics that have publishers which CycloneDDS ignores.
-
-        Args:
-            known: GUIDs of the publishers that CycloneDDS knows.
-        """
+    def _ignored(self) -> list[str]:
+        """Return the topics that have publishers which CycloneDDS ignores."""
         publishers = self._services.publishers() if self._services is not None else []
         missing = [
             one
             for one in publishers
-            if one.guid not in known and one.type_name == self._asked[one.topic].dds_type
+            if one.guid not in self._seen and one.type_name == self._asked[one.topic].dds_type
         ]
         self._unknown = {one.guid: self._unknown.get(one.guid, 0) + 1 for one in missing}
         return sorted(
@@ -308,7 +422,9 @@ class DdsSide:
     def _with_services(self) -> DdsServices:
         if self._services is None:
             try:
-                self._services = DdsServices(self.node.domain, self.interface, self.inbox, self._asked)
+                self._services = DdsServices(
+                    self.node.domain, self.interface, self.inbox, self._asked, self.admission
+                )
             except NoInterface as error:
                 raise Ros2Unavailable(f"services cannot use the interface: {error}") from error
         return self._services

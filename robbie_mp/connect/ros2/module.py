@@ -10,7 +10,7 @@ from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import RunReading, rates_between
 from robbie_mp.bus.observe.run_observer import RunObserver
 from robbie_mp.bus.transport.blocks import MessageTooLarge
-from robbie_mp.connect.bridge.arrivals import AgeLog, hand_over
+from robbie_mp.connect.bridge.arrivals import AgeLog, GoalGate, hand_over
 from robbie_mp.connect.bridge.diagnostics import DIAGNOSTICS, Diagnosis, TraceLines
 from robbie_mp.connect.bridge.driving import drive_command
 from robbie_mp.connect.bridge.frames import ForeignFrame, FrameMap
@@ -28,6 +28,7 @@ from robbie_mp.connect.ros2.action_types import STATUSES
 from robbie_mp.connect.ros2.dds_side import LOOPBACK, DdsSide
 from robbie_mp.connect.ros2.desk import Desk, RosRequest
 from robbie_mp.connect.ros2.goal_desk import GoalDesk
+from robbie_mp.connect.ros2.nodes import EVERY, Admission
 from robbie_mp.connect.ros2.padding import unpadded
 from robbie_mp.connect.ros2.parameters import NodeParameters
 from robbie_mp.connect.ros2.ros_calls import (
@@ -120,6 +121,9 @@ class Ros2Bridge(ClockSource):
     domain: int = setting(0, "the ROS_DOMAIN_ID", minimum=0, maximum=MAX_DOMAIN)
     node: str = setting("robbie", "name of the node")
     namespace: str = setting("", "its namespace, and that of names without a slash before them")
+    nodes: list[str] = setting(
+        [EVERY], "nodes that it deals with: shell patterns of full names, such as /slam/*; * stands for all"
+    )
     connect: list[str] = setting([ROUTER], "addresses of Zenoh routers")
     listen: list[str] = setting(
         ["tcp/127.0.0.1:0"], "addresses where nodes reach this one; others than 127.0.0.1 are open"
@@ -162,6 +166,11 @@ class Ros2Bridge(ClockSource):
         node = str(settings["node"])
         if not NAME.fullmatch(node) or "/" in node:
             raise SettingError(f"a node cannot be called {node!r}: letters, digits and _", "node")
+        nodes = settings["nodes"]
+        assert isinstance(nodes, list)
+        for one in nodes:
+            if not one.startswith(("/", EVERY)):
+                raise SettingError(f"the full name of a node begins with a slash, unlike {one!r}", "nodes")
         for name in ("send", "accept"):
             parts = {"send": {}, "accept": {}, name: settings[name]}
             _mapping(parts, str(settings["namespace"]), KnownTypes(own_types()), name)
@@ -217,7 +226,6 @@ class Ros2Bridge(ClockSource):
             offered = actions_named(self.actions, self._types)
         except MappingError as error:
             raise SettingError(str(error), "actions") from error
-        self.inbox = MiddlewareInbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
         self.side = self._join(NodeName(self.domain, f"/{self.namespace.strip('/')}", self.node))
         self._incoming: dict[RosChannel, tuple[Incoming, type[Message], Rename]] = {}
         for one in self.map.incoming:
@@ -306,7 +314,8 @@ class Ros2Bridge(ClockSource):
                 self.desk.offer(name, SET_BOOL, partial(self._stop_or_release, self._stop))
 
     def _observe(self, around: BridgeRun) -> None:
-        """Begin to watch the run, for /rosout and /diagnostics."""
+        """Begin to watch the run: who controls the robot, and for /rosout and /diagnostics."""
+        self._gate = GoalGate(self, self.map.incoming)
         self._trace: TraceLines | None = None
         self._diagnosis: Diagnosis | None = None
         self._before: RunReading | None = None
@@ -319,9 +328,12 @@ class Ros2Bridge(ClockSource):
             self._diagnostics = self._own(DIAGNOSTICS, DIAGNOSTICS_TOPIC, Quality())
 
     def _join(self, node: NodeName) -> Side:
+        self.inbox = MiddlewareInbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
+        self.admission = Admission(self.nodes, self.max_message_bytes)
         if self.middleware == "dds":
-            return DdsSide(node, self.inbox, self._type, self.interface)
-        return ZenohSide(node, self.inbox, self.listen, self.connect, self.max_message_bytes)
+            return DdsSide(node, self.inbox, self._type, self.interface, self.admission)
+        limit, admission = self.max_message_bytes, self.admission
+        return ZenohSide(node, self.inbox, self.listen, self.connect, limit, admission)
 
     def _now_ns(self) -> int:
         """Return the run's time; the machine's until that of a simulation or playback has begun."""
@@ -410,6 +422,8 @@ class Ros2Bridge(ClockSource):
                 self._take(arrived)
         while self.inbox.unnamed:
             self._name(f"a message was not asked for: {one_line(self.inbox.unnamed.popleft())}")
+        while self.admission.unnamed:
+            self._name(one_line(self.admission.unnamed.popleft()))
         self.desk.serve()
         self.ros_calls.tick()
         self.goal_desk.tick()
@@ -439,7 +453,7 @@ class Ros2Bridge(ClockSource):
             self.malformed += 1
             self.log.warning("a message on %s was dropped: %s", incoming.name, one_line(str(error)))
             return
-        is_barred = incoming.lets_move and self._time_problem
+        is_barred = incoming.lets_move and (self._time_problem or self._gate.refuses(incoming))
         if is_barred or not self.ill_formed.admits(message, f"on {incoming.name}"):
             self.refused += 1
             return
@@ -528,6 +542,8 @@ class Ros2Bridge(ClockSource):
             "unsent": self.side.unsent,
             "incompatible": self.side.incompatible,
             "not asked for": self.inbox.strangers,
+            "of other nodes refused": self.admission.refused,
+            "other nodes seen": self.admission.others,
             "malformed": self.malformed + self.desk.malformed + self.ros_goals.malformed,
             "late": self.late,
             "refused": self.refused,

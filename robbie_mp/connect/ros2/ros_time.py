@@ -70,7 +70,7 @@ class RosTime:
         announced: jumps of the time that the module is to publish.
         jumps: how often the time was reset, or has leapt.
         malformed: messages that are none.
-        ignored: further jumps soon after one, as when two simulators send their times.
+        ignored: messages of other publishers than the one that is followed, and further jumps soon after one.
     """
 
     clock: SettableClock
@@ -85,6 +85,8 @@ class RosTime:
     """When the last message came, by the machine's clock; before the first, when this began."""
 
     _jumped_ns: int = -JUMP_NS
+    _source: bytes | None = None
+    """The publisher that is followed: the first, until it has been silent for LOST_S."""
 
     def __post_init__(self) -> None:
         self._heard_ns = self.monotonic_ns()
@@ -107,13 +109,14 @@ class RosTime:
         took_ns = last.machine_ns - first.machine_ns
         return min(MAX_RATE, (last.at_ns - first.at_ns) / took_ns) if took_ns > 0 else 0.0
 
-    def take(self, clock: type[Message], data: bytes, machine_ns: int) -> None:
+    def take(self, clock: type[Message], data: bytes, machine_ns: int, sender: bytes = b"") -> None:
         """Take a message, of which nothing was checked.
 
         Args:
             clock: its type.
             data: the message.
             machine_ns: when it came, by the machine's clock.
+            sender: its publisher.
         """
         try:
             told: Any = clock.decode(data)
@@ -125,6 +128,11 @@ class RosTime:
             self.malformed += 1
             return
         with self._lock:
+            is_silent = (machine_ns - self._heard_ns) * 1e-9 >= LOST_S
+            if self._source not in (None, sender) and not is_silent:
+                self.ignored += 1
+                return
+            self._source = sender
             self.see(sec * SECOND_NS + nanosec, machine_ns)
 
     def see(self, at_ns: int, machine_ns: int) -> None:

@@ -1,6 +1,7 @@
 """The interface between the bridge to ROS 2 and each middleware."""
 
 import math
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -16,6 +17,8 @@ MAX_DOMAIN = 232
 """The largest ROS_DOMAIN_ID."""
 CLOCKS_DIFFER_S = 0.1
 """Most by which a message may come from the future: then the clocks differ, and do not tell its age."""
+MAX_LARGEST = 4
+"""All that waits until the module takes it has at most this many times the bytes of the largest message."""
 MAX_CALLS = 64
 """Most requests that wait until the module takes them; the clients of further ones get no response."""
 
@@ -123,23 +126,33 @@ class MiddlewareInbox:
 
     def __init__(self, max_messages: int, max_bytes: int, wake: Callable[[], None]):
         self._max_messages, self.max_bytes, self._wake = max_messages, max_bytes, wake
+        self._lock = threading.Lock()
+        self._waiting_bytes = 0
         self._waiting: deque[RosArrival] = deque()
         self._calls: deque[Call] = deque()
         self.overflowed = 0
         self.oversized = 0
         self.strangers = 0
-        self.taps: dict[RosChannel, Callable[[bytes, int], None]] = {}
-        """What takes the messages of a channel at once, in any thread, with the machine's time in ns."""
+        self.taps: dict[RosChannel, Callable[[bytes, int, bytes], None]] = {}
+        """What takes the messages of a channel at once, in any thread, with the machine's time in ns and the
+        publisher."""
         self.unnamed: deque[str] = deque(maxlen=32)
         """Descriptions of strangers, for the module to name in its log; the oldest go first."""
 
-    def put(self, channel: RosChannel, data: bytes, sent_ns: int) -> None:
-        """Keep a message for the module, and when its sender says that it has sent it; in any thread."""
+    def put(self, channel: RosChannel, data: bytes, sent_ns: int, sender: bytes = b"") -> None:
+        """Keep a message for the module; in any thread.
+
+        Args:
+            channel: the channel that it was asked for by.
+            data: the encoded message.
+            sent_ns: when its sender says that it has sent it, ns since 1970.
+            sender: the publisher; empty: not known.
+        """
         if len(data) > self.max_bytes:
             self.oversized += 1
         elif tap := self.taps.get(channel):
-            tap(data, time.monotonic_ns())
-        elif len(self._waiting) >= self._max_messages:
+            tap(data, time.monotonic_ns(), sender)
+        elif len(self._waiting) >= self._max_messages or not self._takes(len(data)):
             self.overflowed += 1
         else:
             self._waiting.append(RosArrival(channel, data, _age_s(sent_ns), time.monotonic_ns()))
@@ -151,12 +164,16 @@ class MiddlewareInbox:
         """Keep a request for the module, and when its sender says that it has sent it; in any thread."""
         if len(data) > self.max_bytes:
             self.oversized += 1
-        elif len(self._calls) >= MAX_CALLS:
+        elif len(self._calls) >= MAX_CALLS or not self._takes(len(data)):
             self.overflowed += 1
         else:
             age_s = 0.0 if sent_ns is None else _age_s(sent_ns)
             self._calls.append(Call(service, data, time.monotonic_ns() - age_s * 1e9, answer))
             self._wake()
+
+    def count_oversized(self) -> None:
+        """Count a message that was too large to be put; in any thread."""
+        self.oversized += 1
 
     def put_stranger(self, what: str) -> None:
         """Count a message that was not asked for; in any thread."""
@@ -166,12 +183,27 @@ class MiddlewareInbox:
     def take(self) -> Iterator[RosArrival]:
         """Take what waits now."""
         for _ in range(len(self._waiting)):
-            yield self._waiting.popleft()
+            taken = self._waiting.popleft()
+            self._gives(len(taken.data))
+            yield taken
 
     def take_calls(self) -> Iterator[Call]:
         """Take the requests that wait now."""
         for _ in range(len(self._calls)):
-            yield self._calls.popleft()
+            taken = self._calls.popleft()
+            self._gives(len(taken.data))
+            yield taken
+
+    def _takes(self, size: int) -> bool:
+        """Whether there is room for further bytes, which are then counted."""
+        with self._lock:
+            has_room = self._waiting_bytes + size <= MAX_LARGEST * self.max_bytes
+            self._waiting_bytes += size * has_room
+        return has_room
+
+    def _gives(self, size: int) -> None:
+        with self._lock:
+            self._waiting_bytes -= size
 
 
 def _age_s(sent_ns: int) -> float:

@@ -11,6 +11,7 @@ from typing_extensions import Self
 from robbie_mp.connect.bridge.mapping import Quality
 from robbie_mp.connect.ros2.side import NodeName, RosChannel
 
+NODE: Final = "NN"
 PUBLISHER: Final = "MP"
 SUBSCRIPTION: Final = "MS"
 SERVICE: Final = "SS"
@@ -18,6 +19,7 @@ CLIENT: Final = "SC"
 DEFAULT_DEPTH: Final = 42
 """The depth that rmw_zenoh leaves out."""
 GID_BYTES: Final = 16
+_ENDPOINT_PARTS = 13
 _BEST_EFFORT, _TRANSIENT_LOCAL = "2", "1"
 _ATTACHMENT = struct.Struct("<qqB16s")
 
@@ -34,7 +36,7 @@ def any_type_key(domain: int, channel: RosChannel) -> str:
 
 def node_token(zenoh_id: str, node: NodeName) -> str:
     """Return the liveliness token of a node: the only one of its session."""
-    return f"@ros2_lv/{node.domain}/{zenoh_id}/0/0/NN/{_place(node)}"
+    return f"@ros2_lv/{node.domain}/{zenoh_id}/0/0/{NODE}/{_place(node)}"
 
 
 def endpoint_token(zenoh_id: str, node: NodeName, entity: int, kind: str, channel: RosChannel) -> str:
@@ -49,6 +51,36 @@ def endpoint_token(zenoh_id: str, node: NodeName, entity: int, kind: str, channe
     """
     parts = (_mangled(channel.name), channel.dds_type, channel.type_hash, quality_text(channel.quality))
     return f"@ros2_lv/{node.domain}/{zenoh_id}/0/{entity}/{kind}/{_place(node)}/{'/'.join(parts)}"
+
+
+class EndpointToken(NamedTuple):
+    """What the token of an endpoint says.
+
+    Attributes:
+        session: the Zenoh session.
+        kind: PUBLISHER, SUBSCRIPTION, SERVICE or CLIENT.
+        node: the full name of its node.
+        name: its topic or service.
+    """
+
+    session: str
+    kind: str
+    node: str
+    name: str
+
+    @classmethod
+    def decode(cls, token: str) -> Self | None:
+        """Return what a token says; None if it is not that of an endpoint."""
+        parts = token.split("/")
+        if len(parts) != _ENDPOINT_PARTS or parts[5] == NODE:
+            return None
+        namespace = parts[7].replace("%", "/").rstrip("/")
+        return cls(parts[2], parts[5], f"{namespace}/{parts[8]}", parts[9].replace("%", "/"))
+
+
+def any_token(domain: int) -> str:
+    """Return the key expression of all tokens of a domain."""
+    return f"@ros2_lv/{domain}/**"
 
 
 def quality_text(quality: Quality) -> str:

@@ -6,11 +6,13 @@ Zenoh calls back in its own threads. They only put messages into the inbox.
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.bridge.mapping import Quality
 from robbie_mp.connect.link.wire import Endpoints, LinkUnavailable, open_session
+from robbie_mp.connect.ros2.nodes import Admission
 from robbie_mp.connect.ros2.side import (
     RESPONSE_LIMIT_S,
     MiddlewareInbox,
@@ -25,6 +27,8 @@ from robbie_mp.connect.ros2.tokens import (
     SERVICE,
     SUBSCRIPTION,
     Attachment,
+    EndpointToken,
+    any_token,
     any_type_key,
     data_key,
     endpoint_token,
@@ -78,6 +82,7 @@ class ZenohSide:
         listen: addresses to listen on.
         connect: addresses of routers.
         max_bytes: size of the largest message from the network.
+        admission: which nodes it deals with.
 
     Raises:
         Ros2Unavailable: a package is missing, or Zenoh cannot listen.
@@ -88,6 +93,7 @@ class ZenohSide:
     listen_on: Sequence[str] = ("tcp/127.0.0.1:0",)
     connect: Sequence[str] = (ROUTER,)
     max_bytes: int = 64 << 20
+    admission: Admission = field(default_factory=lambda: Admission(["*"], 0))
     unsent: int = 0
     incompatible: int = 0
     """None is: in Zenoh, every quality of service fits every other one."""
@@ -123,7 +129,11 @@ class ZenohSide:
             raise Ros2Unavailable(str(error)) from error
         self._id = str(self._zenoh.zid())
         self._entities = 0
-        self._declared.append(self._zenoh.liveliness().declare_token(node_token(self._id, self.node)))
+        liveliness = self._zenoh.liveliness()
+        self._declared.append(liveliness.declare_token(node_token(self._id, self.node)))
+        if not self.admission.is_open:
+            tokens = any_token(self.node.domain)
+            self._declared.append(liveliness.declare_subscriber(tokens, self._on_token, history=True))
 
     @property
     def zenoh_id(self) -> str:
@@ -203,8 +213,14 @@ class ZenohSide:
         answers: list[bytes] = []
 
         def on_reply(reply: "zenoh.Reply") -> None:
-            if reply.ok is not None and not answers:
+            replier = reply.replier_id
+            server = _server(str(replier.zid), name) if replier is not None else b""
+            if reply.ok is None or answers:
+                return
+            if self.admission.admits(server):
                 answers.append(reply.ok.payload.to_bytes())
+            else:
+                self.admission.refuse(server, f"a response of {name}")
 
         def on_end() -> None:
             done(answers[0] if answers else f"no node serves {name}, or it has gone")
@@ -220,7 +236,8 @@ class ZenohSide:
         )
 
     def look_after(self) -> None:
-        """Nothing is due: Zenoh connects again by itself."""
+        """Refuse what has waited for too long; Zenoh connects again by itself."""
+        self.admission.look_after()
 
     def close(self) -> None:
         """End the session."""
@@ -253,6 +270,19 @@ class ZenohSide:
 
     # -- in threads of Zenoh ---------------------------------------------------------------------------
 
+    def _on_token(self, sample: "zenoh.Sample") -> None:
+        """Take what the token of an endpoint says of its node."""
+        import zenoh  # noqa: PLC0415
+
+        token = str(sample.key_expr)
+        told = EndpointToken.decode(token)
+        if told is None:
+            return
+        is_server = told.kind == SERVICE
+        endpoint = _server(told.session, told.name) if is_server else gid(token)
+        is_there = sample.kind == zenoh.SampleKind.PUT
+        self.admission.tell(endpoint, {endpoint: told.node} if is_there else {})
+
     def _on_sample(self, channel: RosChannel, key: str, sample: "zenoh.Sample") -> None:
         arrived = str(sample.key_expr)
         if arrived != key:
@@ -262,7 +292,12 @@ class ZenohSide:
         if attached and attached.gid in self._gids:
             self.withheld += 1
             return
-        self.inbox.put(channel, sample.payload.to_bytes(), attached.sent_ns if attached else 0)
+        sender, sent_ns = (attached.gid, attached.sent_ns) if attached else (b"", 0)
+
+        def put() -> None:
+            self.inbox.put(channel, sample.payload.to_bytes(), sent_ns, sender)
+
+        self.admission.take(sender, f"a message on {channel.name}", len(sample.payload), put)
 
     def _on_query(self, name: str, key: str, query: "zenoh.Query") -> None:
         attached = query.attachment and Attachment.decode(query.attachment.to_bytes())
@@ -280,4 +315,11 @@ class ZenohSide:
                 self.unsent += 1
             query.drop()
 
-        self.inbox.put_call(name, query.payload.to_bytes(), answer, sent_ns or None)
+        data = query.payload.to_bytes()
+        put = partial(self.inbox.put_call, name, data, answer, sent_ns or None)
+        self.admission.take(client, f"a request to {name}", len(data), put)
+
+
+def _server(session: str, service: str) -> bytes:
+    """Return by what the server of a service in a session of Zenoh is known: its responses do not name it."""
+    return f"{session}{service}".encode()

@@ -23,11 +23,13 @@ from robbie_mp.connect.foxglove import module as services_foxglove
 from robbie_mp.connect.foxglove.module import FoxgloveServer
 from robbie_mp.connect.foxglove.server import ServiceCall
 from robbie_mp.messages import (
+    ControlState,
     DriveCommand,
     EmergencyStop,
     Header,
     Image,
     LaserScan,
+    NavigateTo,
     PoseStamped,
     PoseWithCovarianceStamped,
     SettingChange,
@@ -189,6 +191,26 @@ def test_accepted_message_is_published(harness: ModuleHarness[FoxgloveServer], c
     first, second = harness.take(PoseStamped, "goal")
     assert first.encode() == pose.encode()
     assert second.pose.position.x == 2.0
+
+
+def test_each_goal_that_comes_while_the_robot_holds_is_refused_and_its_client_told() -> None:
+    settings = {"port": 0, "accept": {"/goal": "PoseStamped as NavigateTo"}}
+    with ModuleHarness(FoxgloveServer, settings) as harness, connected(harness.module.link) as client:
+        harness.send(ControlState(mode=ControlState.HOLD, reason="somebody let go"), topic="control")
+        client.advertise(1, "/goal", "geometry_msgs/msg/PoseStamped")
+        for count in (1, 2):
+            client.publish(1, PoseStamped().encode())
+            tick_until(harness, lambda: harness.module.refused.total() == count)  # noqa: B023
+        client.until(client.problems)
+        assert "the robot is in HOLD: somebody let go; order it to go on" in client.problems()[0]
+        assert not harness.take(NavigateTo)
+        harness.send(ControlState(), topic="control")
+
+        def is_taken() -> bool:  # not before pings tell how far away the client is
+            client.publish(1, PoseStamped().encode())
+            return bool(harness.take(NavigateTo))
+
+        tick_until(harness, is_taken)
 
 
 @pytest.mark.parametrize(

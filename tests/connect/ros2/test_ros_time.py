@@ -121,6 +121,25 @@ def test_two_simulators_make_few_jumps(simulator: Simulator) -> None:
     assert simulator.ros_time.ignored > 400
 
 
+def test_one_simulator_is_followed_until_it_is_silent(simulator: Simulator) -> None:
+    ros_time, clock = simulator.ros_time, simulator.clock
+
+    def say(at_s: float, sender: bytes) -> None:
+        told = from_dict(CLOCK, {"clock": {"sec": int(at_s)}})
+        ros_time.take(CLOCK, told.encode(), clock.machine_ns, sender)
+
+    for second in range(10):
+        say(second, b"first")
+        say(1_000_000 - second, b"second")
+        clock.machine_ns += 900 * MS
+    assert (ros_time.jumps, ros_time.ignored, clock.jumped) == (0, 10, 1)
+    clock.machine_ns += round(LOST_S * 1e9)
+    say(5_000, b"second")
+    say(10, b"first")
+    assert (ros_time.jumps, ros_time.ignored) == (1, 11)
+    assert clock.now_ns == 5_000_000 * MS
+
+
 def test_next_process_of_the_bridge_goes_on_with_the_time_that_it_finds(simulator: Simulator) -> None:
     simulator.run(1.0)
     simulator.ros_time = RosTime(simulator.clock, monotonic_ns=lambda: simulator.clock.machine_ns)

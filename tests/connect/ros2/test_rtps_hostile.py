@@ -1,11 +1,25 @@
 """Hostile datagrams neither fill the memory of a participant nor end its thread."""
 
+import os
 import struct
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 
+from robbie_mp.connect.ros2.nodes import MAX_OTHERS, MAX_WAITING, Admission
 from robbie_mp.connect.ros2.rtps import wire
-from robbie_mp.connect.ros2.rtps.endpoints import ReliableReader
+from robbie_mp.connect.ros2.rtps.endpoints import MAX_PEERS, PartBudget, ReliableReader
+from robbie_mp.connect.ros2.rtps.participant import (
+    ANNOUNCED_AT,
+    MAX_LEASE_S,
+    MAX_PARTICIPANTS,
+    PUBLICATIONS,
+    Participant,
+)
+from robbie_mp.connect.ros2.side import MAX_LARGEST, MiddlewareInbox, RosChannel
 
 WRITER = b"\x01\x10" + bytes(10) + b"\0\0\x01\x03"
 READER = b"\0\0\x01\x04"
@@ -23,7 +37,12 @@ def _part(number: int) -> wire.Sample:
 
 
 def _kept_bytes(reader: ReliableReader) -> int:
-    return sum(len(part) for parts in reader.writers[WRITER].partial.values() for part in parts.values())
+    return sum(
+        len(part)
+        for proxy in reader.writers.values()
+        for one in proxy.partial.values()
+        for part in one.parts.values()
+    )
 
 
 def test_parts_behind_the_end_of_a_message_are_not_kept() -> None:
@@ -41,3 +60,155 @@ def test_gap_up_to_the_last_number_is_refused_and_the_reader_still_greets() -> N
         _, writer, start, base, single = wire.gap_of(wire.Submessage(wire.GAP, 1, body, WRITER[:12]))
         reader.on_gap(writer, start, base, single)
     reader.look_after()
+
+
+def test_parts_of_many_writers_take_no_more_than_the_budget_and_the_one_that_sends_most_loses() -> None:
+    taken: list[wire.Sample] = []
+    budget = PartBudget(16 * MAX_BYTES)
+    readers = [ReliableReader(READER, lambda *_: None, taken.append, MAX_BYTES, budget) for _ in range(4)]
+    honest = b"\x01\x0f" + bytes(10) + b"\0\0\x01\x03"
+    for reader in readers:
+        reader.match(honest)
+    first = _part(1)._replace(writer=honest, size=512)
+    readers[0].on_sample(first)
+    for number in range(100):
+        writer = WRITER[:12] + number.to_bytes(3, "big") + b"\x03"
+        for reader in readers:
+            reader.match(writer)
+            for part in range(1, MAX_BYTES // 256):
+                reader.on_sample(_part(part)._replace(writer=writer))
+    assert 15 * MAX_BYTES < sum(map(_kept_bytes, readers)) <= 16 * MAX_BYTES
+    readers[0].on_sample(first._replace(fragment=2))
+    assert [one.writer for one in taken] == [honest]
+    for reader in readers:
+        reader.forget(WRITER[:12])
+    assert not budget._sizes
+
+
+def test_message_is_as_old_as_its_first_part_though_another_is_sent_again_later() -> None:
+    taken: list[wire.Sample] = []
+    reader = ReliableReader(READER, lambda *_: None, taken.append, MAX_BYTES)
+    reader.match(WRITER)
+    whole = _part(1)._replace(size=768)
+    reader.on_sample(whole._replace(fragment=3, sent_ns=None))
+    reader.on_sample(whole._replace(fragment=1, sent_ns=5, parameters={1: b"request"}))
+    reader.on_sample(whole._replace(fragment=2, sent_ns=9))
+    assert [(one.sent_ns, one.parameters) for one in taken] == [(5, {1: b"request"})]
+
+
+def test_message_that_is_too_large_is_counted() -> None:
+    counted: list[int] = []
+    reader = ReliableReader(
+        READER, lambda *_: None, lambda _: None, MAX_BYTES, None, lambda: counted.append(1)
+    )
+    reader.match(WRITER)
+    for _ in range(3):
+        reader.on_sample(_part(1)._replace(size=MAX_BYTES + 1))
+    assert len(counted) == 1
+
+
+def test_inbox_keeps_few_large_messages() -> None:
+    inbox = MiddlewareInbox(1000, MAX_BYTES, lambda: None)
+    channel = RosChannel("/image", "", "", None)  # type: ignore[arg-type]
+    for _ in range(100):
+        inbox.put(channel, bytes(MAX_BYTES), 0)
+        inbox.put_call("/go", bytes(MAX_BYTES), lambda _: None)
+    assert inbox.overflowed == 200 - MAX_LARGEST
+    assert len([*inbox.take(), *inbox.take_calls()]) == MAX_LARGEST
+    inbox.put(channel, bytes(MAX_BYTES), 0)
+    assert inbox.overflowed == 200 - MAX_LARGEST
+
+
+@pytest.fixture
+def participant() -> Iterator[Participant]:
+    admission = Admission(["/slam"], MAX_BYTES)
+    with closing(Participant(90 + os.getpid() % 60, "lo", lambda _: True, admission)) as made:
+        made.add_reader("rq/goRequest", "Go", b"", lambda _: None, MAX_BYTES)
+        yield made
+
+
+NUMBERS: Counter[tuple[bytes, bytes]] = Counter()
+
+
+def _told(participant: Participant, prefix: bytes, builtin: bytes, told: list[tuple[int, bytes]]) -> None:
+    NUMBERS[prefix, builtin] += 1
+    payload = wire.PARAMETERS + wire.parameter_list(told)
+    parts = wire.data_parts(bytes(4), builtin, NUMBERS[prefix, builtin], b"", payload)
+    participant.take(wire.datagram(prefix, participant.prefix, parts), "127.0.0.1")
+
+
+def _announce(participant: Participant, prefix: bytes) -> None:
+    locator = struct.pack("<iI", 1, 9) + bytes(16)
+    forever = struct.pack("<iI", 0x7FFFFFFF, 0)
+    _told(participant, prefix, ANNOUNCED_AT[0], [(0x31, locator), (0x32, locator), (0x02, forever)])
+
+
+def _endpoint(participant: Participant, prefix: bytes, number: int) -> bytes:
+    guid = prefix + number.to_bytes(3, "big") + b"\x03"
+    told = [(0x5A, guid), (0x05, wire.text("rq/goRequest")), (0x07, wire.text("Go")), (0x1A, b"\2\0\0\0")]
+    _told(participant, prefix, PUBLICATIONS[0], told)
+    return guid
+
+
+def test_flood_of_participants_and_endpoints_leaves_room_for_the_nodes_that_match(
+    participant: Participant,
+) -> None:
+    for number in range(3 * MAX_PARTICIPANTS):
+        _announce(participant, b"\x01\x0f" + number.to_bytes(10, "big"))
+    assert len(participant._peers) == MAX_PARTICIPANTS
+    assert all(one.lease_s <= MAX_LEASE_S for one in participant._peers.values())
+    hostile = next(iter(reversed(participant._peers)))
+    for number in range(3 * MAX_PEERS):
+        _endpoint(participant, hostile, number)
+    assert len(participant.others) == MAX_PEERS
+    (own,) = participant._readers(b"\0\0\1\x04")
+    assert not own.writers
+    slam = b"\x01\x0f" + b"slam slam "
+    guid = slam + b"\0\0\1\x03"
+    participant.admission.tell(slam, {guid: "/slam"})
+    _announce(participant, slam)
+    assert _endpoint(participant, slam, 1) == guid
+    assert set(own.writers) == {guid}
+    assert hostile not in participant._greeted
+    assert slam in participant._greeted
+
+
+def test_flood_of_names_and_of_messages_without_one_is_bounded() -> None:
+    admission, delivered = Admission(["/slam"], MAX_BYTES), []
+    for number in range(3 * MAX_OTHERS):
+        endpoint = number.to_bytes(16, "big")
+        admission.tell(endpoint, {endpoint: f"/hostile_{number}"})
+        admission.take(endpoint, "a message", 1, lambda: delivered.append(b"hostile"))
+        admission.take(b"unknown" + endpoint, "a message", 1, lambda: delivered.append(b"hostile"))
+    assert admission.others <= MAX_OTHERS
+    assert len(admission._waiting) == MAX_WAITING
+    assert admission.refused == 6 * MAX_OTHERS - MAX_WAITING
+    admission.tell(b"slam", {b"slam": "/slam"})
+    admission.take(b"slam", "a message", 1, lambda: delivered.append(b"slam"))
+    assert delivered == [b"slam"]
+
+
+def test_what_comes_before_the_name_of_its_node_is_delivered_in_order_once_that_is_known() -> None:
+    admission, delivered = Admission(["/slam"], MAX_BYTES), []
+    admission.take(b"a", "a message", 1, lambda: delivered.append(1))
+    admission.take(b"b", "a message", 1, lambda: delivered.append(2))
+    admission.tell(b"participant", {b"a": "/slam", b"b": "/other"})
+    admission.take(b"a", "a message", 1, lambda: delivered.append(3))
+    assert (delivered, admission.refused, list(admission.unnamed)) == (
+        [1, 3],
+        1,
+        ["a message of /other is refused: see `nodes`"],
+    )
+    admission.tell(b"participant", {})
+    assert not admission.admits(b"a")
+
+
+def test_what_a_node_without_a_name_sends_is_refused_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    admission, delivered = Admission(["/slam"], MAX_BYTES), []
+    admission.take(b"a", "a message", 1, lambda: delivered.append(1))
+    admission.look_after()
+    assert not admission.refused
+    begun_s = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: begun_s + 3.0)
+    admission.look_after()
+    assert (admission.refused, delivered) == (1, [])

@@ -24,6 +24,7 @@ from robbie_mp.messages import (
     CallsAnswer,
     CallsQuestion,
     CancelNavigation,
+    ControlState,
     EmergencyStop,
     Message,
     NavigateTo,
@@ -189,6 +190,28 @@ def test_late_goal_and_late_release_are_not_handed_over() -> None:
         assert is_taken(stop, EmergencyStop, released, 0.1)
         assert not is_taken(stop, EmergencyStop, released, 10.0)
         assert is_taken(stop, EmergencyStop, engaged, 10.0)
+
+
+def test_goal_by_topic_is_refused_with_a_word_while_the_robot_may_not_drive_by_itself(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    settings = {"connect": [], "accept": {"/goal": "PoseStamped as NavigateTo", "/pose": "PoseStamped"}}
+    with ModuleHarness(Ros2Bridge, settings) as bridge:
+        channels = {one.name: one for one in bridge.module._incoming}
+
+        def goals_taken(mode: int) -> int:
+            bridge.send(ControlState(mode=mode, reason="somebody let go"), topic="control")
+            for channel in channels.values():
+                bridge.module.inbox.put(channel, PoseStamped().encode(), time.time_ns())
+            bridge.advance(0.05)
+            return len(bridge.take(NavigateTo))
+
+        modes = (ControlState.HOLD, ControlState.MANUAL, ControlState.AUTO)
+        assert [goals_taken(one) for one in modes] == [0, 0, 1]
+        assert len(bridge.published_encoded) == 3  # a pose on another topic is no goal
+        assert bridge.module.refused == 2
+        assert "a goal on /goal is refused: the robot is in HOLD: somebody let go; order" in caplog.text
+        assert "the robot is in MANUAL" in caplog.text
 
 
 def test_wrong_requests_are_counted_and_reach_nobody(ros: Ros) -> None:

@@ -17,21 +17,26 @@ import zenoh.ext
 from mcap_ros2._dynamic import generate_dynamic
 from rosbags.typesys import Stores, get_typestore
 
-from robbie_mp import ModuleHarness, SettingError
+from robbie_mp import ModuleHarness, Reply, Request, SettingError
 from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.connect.ros2.zenoh_side import LARGE_BYTES, ZenohSide
 from robbie_mp.messages import (
+    CancelNavigation,
     DriveCommand,
     Header,
     LaserScan,
     MapMetaData,
+    NavigationCancelled,
     OccupancyGrid,
+    Point,
+    Pose,
     PoseStamped,
     String,
     Twist,
     Vector3,
     schema_text,
 )
+from robbie_mp.module.calls.peers import service_topic
 from tests._support.robot import wait_until
 
 POSE = (
@@ -71,6 +76,15 @@ SETTINGS = {
     },
 }
 Bridge = ModuleHarness[Ros2Bridge]
+
+
+class Triggered(Reply, name="std_srvs/srv/Trigger_Response"):
+    success: bool
+    message: str
+
+
+class Trigger(Request[Triggered], name="std_srvs/srv/Trigger_Request"):
+    pass
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -304,6 +318,64 @@ def test_wrong_bytes_and_other_types_are_counted_and_reach_nobody(caplog: pytest
         assert "malformed" in module.status
 
 
+def test_bridge_deals_only_with_the_nodes_that_match(caplog: pytest.LogCaptureFixture) -> None:
+    port = free_port()
+    router = [f"tcp/127.0.0.1:{port}"]
+    other = {
+        **SETTINGS,
+        "connect": router,
+        "accept": {},
+        "send": {"PoseStamped": "/goal_pose"},
+        "services": {"/save": "CancelNavigation"},
+        "calls": {"/abort": "std_srvs/srv/Trigger"},
+    }
+    own = {
+        **SETTINGS,
+        "connect": router,
+        "nodes": ["/mapping/*"],
+        "services": {"/abort": "CancelNavigation"},
+        "calls": {"/save": "std_srvs/srv/Trigger"},
+    }
+    with (
+        session(mode="router", listen__endpoints=router),
+        ModuleHarness(Ros2Bridge, {**other, "node": "slam", "namespace": "mapping"}) as slam,
+        ModuleHarness(Ros2Bridge, own) as bridge,
+    ):
+        with ModuleHarness(Ros2Bridge, {**other, "node": "intruder"}) as intruder:
+
+            def is_heard() -> bool:
+                for one, x_m in ((slam, 1.0), (intruder, 2.0)):
+                    one.advance(0.02)
+                    one.send(PoseStamped(pose=Pose(position=Point(x=x_m))), topic="any")
+                is_named = "a message on /goal_pose of /intruder is refused: see `nodes`" in caplog.text
+                return bool(bridge.published_encoded) and is_named
+
+            until(bridge, is_heard)
+            poses = [PoseStamped.decode(one.data) for one in bridge.published_encoded]
+            assert {one.pose.position.x for one in poses} == {1.0}
+            assert called(intruder, bridge, "a request to /abort of /intruder is refused", caplog) == []
+            assert called(bridge, intruder, "a response of /save of /intruder is refused", caplog) == []
+        assert called(slam, bridge, "", caplog) == [True]
+        assert True in called(bridge, slam, "", caplog)
+
+
+def called(client: Bridge, server: Bridge, refusal: str, caplog: pytest.LogCaptureFixture) -> list[bool]:
+    """Let a module beside one bridge call a service beside another; return `success` of its reply, if any."""
+    client.bus.published.clear()
+    client.send(Trigger(call=1), topic=service_topic(""), sender="mission")
+
+    def is_done() -> bool:
+        client.advance(0.02)
+        for request in server.take(CancelNavigation, service_topic("")):
+            server.reply(request, NavigationCancelled())
+        return any(one.topic == "mission" for one in client.published) or (
+            refusal != "" and refusal in caplog.text
+        )
+
+    until(server, is_done)
+    return [one.message.success for one in client.published if hasattr(one.message, "success")]
+
+
 def test_what_another_bridge_has_published_is_not_sent_back() -> None:
     with ModuleHarness(Ros2Bridge, {**SETTINGS, "connect": []}, name="ros2") as bridge:
         bridge.send(LaserScan(ranges=np.ones(1, np.float32)), topic="laser", sender="ros2")
@@ -325,6 +397,7 @@ def test_bridge_that_has_ended_limits_no_log() -> None:
         ({"accept": {"/cmd_vel": "Twst"}}, "did you mean"),
         ({"namespace": "a b"}, "the namespace 'a b' is not a name"),
         ({"domain": 233}, "domain"),
+        ({"nodes": ["/slam", "tester"]}, "begins with a slash, unlike 'tester'"),
         ({"frames": {"*": "red"}}, "expected a name with {frame}"),
     ],
 )

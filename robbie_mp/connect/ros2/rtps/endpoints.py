@@ -143,13 +143,76 @@ class ReliableWriter:
 
 
 @dataclass
+class Partial:
+    """A message of which only parts have come.
+
+    Attributes:
+        parts: the parts, by their number.
+        parameters: the parameters before the message.
+        sent_ns: the earliest time that a part of it was sent, as far as the parts say that.
+        size: bytes that have come.
+    """
+
+    parts: dict[int, bytes] = field(default_factory=dict)
+    parameters: dict[int, bytes] = field(default_factory=dict)
+    sent_ns: int | None = None
+    size: int = 0
+
+    def add(self, sample: wire.Sample, total: int) -> int:
+        """Add parts, and return how many bytes they are. One that is sent again may be dated later."""
+        times = [one for one in (self.sent_ns, sample.sent_ns) if one is not None]
+        self.sent_ns = min(times, default=None)
+        self.parameters = self.parameters or sample.parameters
+        before = self.size
+        for number, at in enumerate(range(0, len(sample.payload), sample.fragment_bytes), sample.fragment):
+            if number <= total and number not in self.parts:
+                part = self.parts[number] = sample.payload[at : at + sample.fragment_bytes]
+                self.size += len(part)
+        return self.size - before
+
+
+class PartBudget:
+    """Bounds the parts of messages that have not come whole, of all readers of a participant.
+
+    If they are too many, the other participant that has sent most of them loses its oldest message.
+
+    Args:
+        max_bytes: most bytes of parts.
+    """
+
+    def __init__(self, max_bytes: int):
+        self._max_bytes = max_bytes
+        self._kept: dict[bytes, OrderedDict[tuple[int, int], _WriterProxy]] = {}
+        self._sizes: dict[bytes, int] = {}
+
+    def note(self, sender: bytes, proxy: "_WriterProxy", sequence: int, size: int) -> None:
+        """Note that so many further bytes of a message have come from a participant."""
+        self._kept.setdefault(sender, OrderedDict())[id(proxy), sequence] = proxy
+        self._sizes[sender] = self._sizes.get(sender, 0) + size
+        while sum(self._sizes.values()) > self._max_bytes:
+            most = max(self._sizes, key=self._sizes.__getitem__)
+            (_, oldest), owner = next(iter(self._kept[most].items()))
+            self.drop(most, owner, oldest)
+
+    def drop(self, sender: bytes, proxy: "_WriterProxy", sequence: int) -> None:
+        """Drop the parts of a message."""
+        partial = proxy.partial.pop(sequence, None)
+        if partial is None:
+            return
+        self._sizes[sender] -= partial.size
+        del self._kept[sender][id(proxy), sequence]
+        if not self._kept[sender]:
+            del self._kept[sender], self._sizes[sender]
+
+
+@dataclass
 class _WriterProxy:
     """A writer of another participant: what has come of it."""
 
     base: int = 1
     """The first number that is missing."""
     ahead: set[int] = field(default_factory=set)
-    partial: "OrderedDict[int, dict[int, bytes]]" = field(default_factory=OrderedDict)
+    partial: "OrderedDict[int, Partial]" = field(default_factory=OrderedDict)
     count: int = 0
     is_met: bool = False
     """Whether it has sent something, so that it knows this reader."""
@@ -184,13 +247,20 @@ class ReliableReader:
         send: sends to a participant.
         take: gets each message once.
         max_bytes: size of the largest message that it takes.
+        budget: bounds the parts of messages; None: those of this reader only.
+        on_oversized: called for each message that is too large.
     """
 
     entity: bytes
     send: Send
     take: Callable[[wire.Sample], None]
     max_bytes: int = 1 << 20
+    budget: PartBudget | None = None
+    on_oversized: Callable[[], None] = lambda: None
     writers: dict[bytes, _WriterProxy] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._budget = self.budget or PartBudget(MAX_PARTIAL * self.max_bytes)
 
     def match(self, writer: bytes) -> None:
         """Begin to listen to a writer."""
@@ -218,19 +288,22 @@ class ReliableReader:
     def _whole(self, proxy: _WriterProxy, sample: wire.Sample) -> wire.Sample | None:
         if sample.size > self.max_bytes:
             proxy.note(sample.sequence)
+            self.on_oversized()
             return None
+        sender, sequence = sample.writer[: wire.PREFIX_BYTES], sample.sequence
         total = -(-sample.size // sample.fragment_bytes)
-        parts = proxy.partial.setdefault(sample.sequence, {})
-        for number, at in enumerate(range(0, len(sample.payload), sample.fragment_bytes), sample.fragment):
-            if number <= total:
-                parts[number] = sample.payload[at : at + sample.fragment_bytes]
+        partial = proxy.partial.setdefault(sequence, Partial())
+        self._budget.note(sender, proxy, sequence, partial.add(sample, total))
         if len(proxy.partial) > MAX_PARTIAL:
-            proxy.partial.popitem(last=False)
-        if len(parts) < total or any(one not in parts for one in range(1, total + 1)):
+            self._budget.drop(sender, proxy, next(iter(proxy.partial)))
+        is_whole = sequence in proxy.partial and len(partial.parts) >= total
+        if not is_whole or any(one not in partial.parts for one in range(1, total + 1)):
             return None
-        proxy.partial.pop(sample.sequence, None)
-        data = b"".join(parts[one] for one in range(1, total + 1))
-        return sample._replace(payload=data[: sample.size])
+        self._budget.drop(sender, proxy, sequence)
+        data = b"".join(partial.parts[one] for one in range(1, total + 1))
+        return sample._replace(
+            payload=data[: sample.size], parameters=partial.parameters, sent_ns=partial.sent_ns
+        )
 
     def on_heartbeat(self, writer: bytes, first: int, last: int, is_final: bool) -> None:
         """Tell a writer what is missing."""
@@ -260,7 +333,9 @@ class ReliableReader:
     def forget(self, prefix: bytes) -> None:
         """Forget a writer, or all of a participant."""
         for one in [one for one in self.writers if one.startswith(prefix)]:
-            del self.writers[one]
+            proxy = self.writers.pop(one)
+            for sequence in list(proxy.partial):
+                self._budget.drop(one[: wire.PREFIX_BYTES], proxy, sequence)
 
     def _greet(self, writer: bytes) -> None:
         """Ask a writer for what it has. FastDDS answers at once only to 0, which CycloneDDS refuses."""

@@ -16,8 +16,9 @@ from typing import Final, NamedTuple
 import psutil
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.connect.ros2.nodes import Admission
 from robbie_mp.connect.ros2.rtps import wire
-from robbie_mp.connect.ros2.rtps.endpoints import MAX_PEERS, ReliableReader, ReliableWriter
+from robbie_mp.connect.ros2.rtps.endpoints import MAX_PEERS, PartBudget, ReliableReader, ReliableWriter
 
 ANNOUNCED_AT: Final = b"\x00\x01\x00\xc2", b"\x00\x01\x00\xc7"
 PUBLICATIONS: Final = b"\x00\x00\x03\xc2", b"\x00\x00\x03\xc7"
@@ -30,6 +31,8 @@ INDICES: Final = 33
 """Participants of one machine that are found without multicast, as CycloneDDS is set up here."""
 MAX_PARTICIPANTS: Final = 200
 ANNOUNCE_S, LOOK_S, LEASE_S = 2.0, 0.1, 10.0
+MAX_LEASE_S: Final = 300.0
+"""After this time without a word, a participant has gone, whatever it has said."""
 FIRST_ANNOUNCEMENTS: Final = 5
 """Announcements that follow at LOOK_S, so that the first nodes need not wait."""
 MAX_DATAGRAM: Final = 65_507
@@ -103,6 +106,8 @@ class Participant:
         domain: the domain.
         interface: name or IPv4 address of the network interface; `lo` reaches only this machine.
         is_wanted: whether endpoints on a topic matter, also before this side has some there.
+        admission: which nodes it speaks with; others do not even hear of its endpoints.
+        max_bytes: most bytes of parts of messages that have not come whole.
 
     Attributes:
         lock: held while its endpoints change.
@@ -112,7 +117,13 @@ class Participant:
     domain: int
     interface: str
     is_wanted: Callable[[str], bool]
+    admission: Admission = field(default_factory=lambda: Admission(["*"], 0))
+    max_bytes: int = 1 << 24
     others: dict[bytes, RemoteEndpoint] = field(default_factory=dict)
+    on_oversized: Callable[[], None] = lambda: None
+    """Called in its thread for each message that is too large."""
+    on_unfit: Callable[[RemoteEndpoint, bool], None] = lambda _other, _has_type: None
+    """Called once for an endpoint on one of its topics that does not fit, and whether its type does."""
     on_look: Callable[[], None] = lambda: None
     """Called a few times in a second, in the participant's thread."""
     on_malformed: Callable[[], None] = lambda: None
@@ -124,6 +135,12 @@ class Participant:
         self._address = _address_of(self.interface)
         self._is_local = self._address.startswith("127.")
         self._peers: dict[bytes, _Peer] = {}
+        self._greeted: set[bytes] = set()
+        """Participants that are told of its endpoints."""
+        self._unfit: set[bytes] = set()
+        self._version = 0
+        """That of the admission when its endpoints were matched."""
+        self._budget = PartBudget(self.max_bytes)
         self._own: list[_Own] = []
         self._number = self._announced = 0
         self._announced_s = -math.inf
@@ -135,8 +152,8 @@ class Participant:
             for kind in (PUBLICATIONS, SUBSCRIPTIONS)
         }
         self._builtin_readers = {
-            kind[1]: ReliableReader(kind[1], self._send_meta, take)
-            for kind, take in ((PUBLICATIONS, self._on_endpoint), (SUBSCRIPTIONS, self._on_endpoint))
+            kind[1]: ReliableReader(kind[1], self._send_meta, self._on_endpoint, budget=self._budget)
+            for kind in (PUBLICATIONS, SUBSCRIPTIONS)
         }
         self._selector = selectors.DefaultSelector()
         for one in self._sockets():
@@ -169,7 +186,8 @@ class Participant:
     ) -> ReliableReader:
         """Add a reliable reader, and announce it."""
         with self.lock:
-            reader = ReliableReader(self._next_entity(READER_KIND), self._send_user, take, max_bytes)
+            entity = self._next_entity(READER_KIND)
+            reader = ReliableReader(entity, self._send_user, take, max_bytes, self._budget, self.on_oversized)
             self._announce_endpoint(_Own(reader, topic, type_name), SUBSCRIPTIONS[0], user_data)
         return reader
 
@@ -240,6 +258,17 @@ class Participant:
             writer.look_after()
         for reader in self._readers():
             reader.look_after()
+        if self._version != self.admission.version:
+            self._version = self.admission.version
+            self._look_at_admitted()
+
+    def _look_at_admitted(self) -> None:
+        """Speak with what was not known to belong to a node that matches."""
+        for prefix in self._peers:
+            self._greet(prefix)
+        for other in self.others.values():
+            for own in self._own:
+                self._match(own, other)
 
     def _receive(self, receiving: socket.socket) -> None:
         try:
@@ -295,16 +324,33 @@ class Participant:
             return
         told, _ = wire.parameters_of(sample.payload, len(wire.PARAMETERS))
         meta, user = _port_of(told, _META_LOCATOR), _port_of(told, _DEFAULT_LOCATOR)
-        lease_s = max(1.0, float(struct.unpack_from("<i", told.get(_LEASE, b"\x64\0\0\0"))[0]))
+        said_s = float(struct.unpack_from("<i", told.get(_LEASE, b"\x64\0\0\0"))[0])
+        lease_s = min(max(1.0, said_s), MAX_LEASE_S)
         is_new = prefix not in self._peers
-        if not meta or not user or (is_new and len(self._peers) >= MAX_PARTICIPANTS):
+        if not meta or not user or (is_new and not self._has_room()):
             return
         self._peers[prefix] = _Peer((source, meta), (source, user), lease_s, time.monotonic())
         if is_new:
             self._send_meta(prefix, [self._announcement_part(b"", self._announcement())])
             for kind in (PUBLICATIONS, SUBSCRIPTIONS):
-                self._builtin_writers[kind[0]].match(prefix + kind[1])
                 self._builtin_readers[kind[1]].match(prefix + kind[0])
+            self._greet(prefix)
+
+    def _has_room(self) -> bool:
+        """Whether a further participant may come; one without a node that matches goes for it."""
+        if len(self._peers) < MAX_PARTICIPANTS:
+            return True
+        other = next((one for one in self._peers if not self.admission.admits_one_of(one)), None)
+        if other is not None:
+            self._forget_peer(other)
+        return other is not None
+
+    def _greet(self, prefix: bytes) -> None:
+        """Tell a participant of the endpoints of this side, if it has a node that matches."""
+        if prefix not in self._greeted and self.admission.admits_one_of(prefix):
+            self._greeted.add(prefix)
+            for kind in (PUBLICATIONS, SUBSCRIPTIONS):
+                self._builtin_writers[kind[0]].match(prefix + kind[1])
 
     def _on_endpoint(self, sample: wire.Sample) -> None:
         told, _ = wire.parameters_of(sample.payload, len(wire.PARAMETERS)) if sample.payload else ({}, 0)
@@ -315,7 +361,7 @@ class Participant:
             self._forget(guid)
             return
         topic = wire.text_of(told[_TOPIC]) if _TOPIC in told else ""
-        if not self.is_wanted(topic) or (guid not in self.others and len(self.others) >= MAX_PEERS):
+        if not self.is_wanted(topic) or (guid not in self.others and not self._has_room_for_endpoint()):
             return
         (reliability,) = struct.unpack_from("<I", told.get(_RELIABILITY, b"\x01\0\0\0"))
         (durability,) = struct.unpack_from("<I", told.get(_DURABILITY, bytes(4)))
@@ -324,22 +370,36 @@ class Participant:
         for own in self._own:
             self._match(own, other)
 
+    def _has_room_for_endpoint(self) -> bool:
+        """Whether a further endpoint may come; one of a node that does not match goes for it."""
+        if len(self.others) < MAX_PEERS:
+            return True
+        other = next((one for one in self.others if not self.admission.admits(one)), None)
+        if other is not None:
+            del self.others[other]
+        return other is not None
+
     def _match(self, own: _Own, other: RemoteEndpoint) -> None:
         """Begin to speak with an endpoint if it fits."""
-        if (own.topic, own.type_name) != (other.topic, other.type_name):
+        is_pair = isinstance(own.endpoint, ReliableWriter) != other.is_writer
+        if own.topic != other.topic or not is_pair or not self.admission.admits(other.guid):
             return
-        if isinstance(own.endpoint, ReliableWriter) != other.is_writer and (
-            other.is_reliable if other.is_writer else other.durability == VOLATILE
-        ):
+        has_type = own.type_name == other.type_name
+        if has_type and (other.is_reliable if other.is_writer else other.durability == VOLATILE):
             own.endpoint.match(other.guid)
+        elif other.guid not in self._unfit and len(self._unfit) < MAX_PEERS:
+            self._unfit.add(other.guid)
+            self.on_unfit(other, has_type)
 
     def _forget_peer(self, prefix: bytes) -> None:
         self._peers.pop(prefix, None)
+        self._greeted.discard(prefix)
         self._forget(prefix)
 
     def _forget(self, prefix: bytes) -> None:
         for one in [one for one in self.others if one.startswith(prefix)]:
             del self.others[one]
+        self._unfit = {one for one in self._unfit if not one.startswith(prefix)}
         for writer in self._writers():
             writer.forget(prefix)
         for reader in self._readers():

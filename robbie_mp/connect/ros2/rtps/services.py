@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from robbie_mp.connect.ros2.action_types import part
+from robbie_mp.connect.ros2.nodes import Admission
 from robbie_mp.connect.ros2.rtps import wire
 from robbie_mp.connect.ros2.rtps.endpoints import ReliableReader, ReliableWriter
 from robbie_mp.connect.ros2.rtps.participant import Participant, RemoteEndpoint
@@ -35,6 +36,8 @@ Done = Callable[["bytes | str"], None]
 """Gets the encoded response of a call, or a text that says why there is none."""
 SERVER_WAIT_S: Final = 1.0
 """How long a request waits until a node that serves it has been found."""
+MAX_PARTS: Final = 2
+"""Parts of messages that have not come whole take at most this many times the largest message."""
 MAX_REQUESTS: Final = 64
 MAX_RESPONSES: Final = 64
 """Most responses that wait for that."""
@@ -91,19 +94,23 @@ class DdsServices:
         interface: the network interface.
         inbox: where requests go.
         topics: the topics in DDS whose publishers `publishers` returns; may grow.
+        admission: which nodes are served, called and heard.
 
     Raises:
         NoInterface: there is none of that name.
 
     Attributes:
         unsent: responses whose client had no reader for them.
+        incompatible: endpoints of others that do not fit because of their quality of service.
     """
 
     domain: int
     interface: str
     inbox: MiddlewareInbox
     topics: Container[str]
+    admission: Admission
     unsent: int = 0
+    incompatible: int = 0
     readers: list[bytes] = field(default_factory=list)
     """GUIDs of the readers of requests; `writers`: those of the writers of responses."""
     writers: list[bytes] = field(default_factory=list)
@@ -111,8 +118,12 @@ class DdsServices:
     _clients: dict[str, _Client] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._participant = Participant(self.domain, self.interface, self._is_wanted)
+        self._participant = Participant(
+            self.domain, self.interface, self._is_wanted, self.admission, MAX_PARTS * self.inbox.max_bytes
+        )
         self._participant.on_look = self._look_after
+        self._participant.on_oversized = self.inbox.count_oversized
+        self._participant.on_unfit = self._on_unfit
         self._participant.on_malformed = lambda: self.inbox.put_stranger("a datagram that is not of RTPS")
 
     @property
@@ -205,6 +216,13 @@ class DdsServices:
         return ".".join(f"{one:x}" for one in identity)
 
     # -- in the participant's thread ---------------------------------------------------------------------
+
+    def _on_unfit(self, other: RemoteEndpoint, has_type: bool) -> None:
+        """Count an endpoint that does not fit; those on topics are compared by `DdsSide`."""
+        if has_type:
+            self.incompatible += 1
+        elif other.topic.startswith(("rq/", "rr/")):
+            self.inbox.put_stranger(f"{other.topic[2:]} has the type {other.type_name}")
 
     def _on_request(self, name: str, writer: ReliableWriter, sample: wire.Sample) -> None:
         data, to = sample.payload, sample.writer[: wire.PREFIX_BYTES]
