@@ -32,7 +32,7 @@ class TimeOut(Generic[State]):
 class StateMachine(Generic[State]):
     """Holds one state of an Enum and measures its duration.
 
-        class Gripper(StrEnum):
+        class Gripper(Enum):
             OPEN = "is open"
             CLOSING = "closes"
             CLOSED = "holds something"

@@ -1,5 +1,6 @@
 """Goals between ROS and modules, without a node: what it asks is put into the inbox, or comes over Zenoh."""
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -135,7 +136,7 @@ def ros(zenoh_has_started: None) -> Iterator[Ros]:
         yield Ros(bridge)
 
 
-@pytest.mark.parametrize(("age_s", "why"), [(3.0, "was sent 3.0 s ago"), (-2.0, "from the future")])
+@pytest.mark.parametrize(("age_s", "why"), [(3.0, r"was sent [3-9]\.\d s ago"), (-2.0, "from the future")])
 def test_goal_that_was_sent_long_ago_or_in_the_future_is_refused(
     ros: Ros, caplog: pytest.LogCaptureFixture, age_s: float, why: str
 ) -> None:
@@ -143,7 +144,7 @@ def test_goal_that_was_sent_long_ago_or_in_the_future_is_refused(
     _, (answer,) = ros.send_goal()
     assert not answer.accepted
     assert not ros.all_sent()
-    assert why in caplog.text
+    assert re.search(why, caplog.text)
 
 
 def test_types_of_actions_have_the_hashes_of_ros() -> None:

@@ -383,13 +383,13 @@ FORM_KINDS = [
         "state machine",
         "IllegalTransition",
         """
-        from enum import StrEnum
+        from enum import Enum
 
         from parts import Number
         from robbie_mp import Module, StateMachine
 
 
-        class Gripper(StrEnum):
+        class Gripper(Enum):
             OPEN = "is open"
             CLOSED = "is closed"
             BROKEN = "is broken"
