@@ -70,9 +70,9 @@ class Navigation(Module):
 
     Publishes `DriveCommand`, which expires, only while there is a goal; the planned path as `Path` on topic
     `path`; the `Costmap` on which it was planned on `costmap`; and the goal that it drives to as
-    `PoseStamped` on topic `goal`. A newer goal takes the place of
-    the older one, whose client gets `GoalPreempted`. `CancelNavigation` ends any goal. The goal survives a
-    restart: its client notices nothing.
+    `PoseStamped` on topic `goal`, without a frame when there is none any more. A newer goal takes the
+    place of the older one, whose client gets `GoalPreempted`. `CancelNavigation` ends any goal. The goal
+    survives a restart: its client notices nothing.
     """
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
@@ -208,8 +208,11 @@ class Navigation(Module):
 
     def _forget_goal(self) -> None:
         """Have no goal any more, even after a crash. Call this before its client hears of it."""
+        had_goal = self.goal is not None
         self.active = self.goal = None
         self.checkpoint(None)
+        if had_goal:
+            self.publish(PoseStamped(header=Header(stamp=self.now())), topic="goal", latched=True)
 
     def on_time_jump(self, jump: TimeJump) -> None:
         """Forget the goal and all obstacles: they are no longer valid."""

@@ -416,8 +416,8 @@ def no_go_area_and_place_are_drawn(page: Page, told: Told) -> None:
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     for corner in ((x, y), (x + 60, y), (x + 60, y - 60), (x + 2, y)):  # the first one again closes the area
         page.mouse.click(*corner)
-    page.fill("#map-draw-name", "stairs")
-    page.click("#map-draw-save")
+    page.fill("#map-card-name", "stairs")
+    page.click("#map-card-save")
     *_, right, top = map(float, told.waits_for("area", "stairs"))
     assert right > 2.0
     assert top > 3.75
@@ -427,7 +427,7 @@ def no_go_area_and_place_are_drawn(page: Page, told: Told) -> None:
     page.wait_for_selector("#map-view[data-placing=place]")
     page.wait_for_selector(".q-menu", state="detached")
     page.mouse.click(x, y)
-    page.fill("#map-draw-name", "kitchen")
+    page.fill("#map-card-name", "kitchen")
     page.keyboard.press("Enter", delay=HELD_MS)
     page.wait_for_selector("#map-text:has-text('home; kitchen')")
     page.click("#map-draw")

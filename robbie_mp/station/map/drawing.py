@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from nicegui import ui
@@ -20,6 +19,7 @@ from robbie_mp.messages import (
     Quaternion,
     UndoMapAnnotation,
 )
+from robbie_mp.station.map.card import MapCard
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.watch.latest import Latest
@@ -29,7 +29,6 @@ DRAWN = {NO_GO: "Draw a no-go area", PLACE: "Name a place"}
 """Kinds of drawings, each with the text of the menu."""
 MAX_CORNERS = 256
 """Maximum number of corners that a page may send; the server of `AnnotateMap` has a lower limit."""
-MAX_NAME = 64
 
 
 class MapDrawing:
@@ -39,7 +38,7 @@ class MapDrawing:
         page: the operator's page.
         annotations: the newest annotations; without any, no module keeps them, and the menu is hidden.
         draw: called with the kind of drawing that the operator begins, one of `DRAWN`.
-        area_warnings: return what is wrong with a no-go area that has these corners; '' if nothing is.
+        card: asks for names.
     """
 
     def __init__(
@@ -47,13 +46,12 @@ class MapDrawing:
         page: Page,
         annotations: Latest[MapAnnotations],
         draw: Callable[[str], None],
-        area_warnings: Sequence[Callable[[Sequence[Point]], str]] = (),
+        card: MapCard,
     ):
         self._page = page
-        self._area_warnings = area_warnings
+        self._card = card
         self._annotations = annotations
         self._shown = 0
-        self._keep: Callable[[str], None] = lambda _name: None
         self._button = tool_button("edit_location_alt", "map-draw", "No-go areas and places")
         with self._button, ui.menu().props("id=map-drawings"):
             for what, text in DRAWN.items():
@@ -63,15 +61,6 @@ class MapDrawing:
             undo.props("id=map-draw-undo")
             ui.separator()
             self._list = ui.column().classes("q-px-sm gap-0")
-        with ui.dialog() as self._dialog, ui.card():
-            self._question = ui.label("")
-            self._warning = ui.label("").props("id=map-draw-warning role=alert").classes("text-negative")
-            self._name = ui.input("Name").props(f"for=map-draw-name autofocus maxlength={MAX_NAME}")
-            self._name.on("keyup.enter", self._named)
-            with ui.row():
-                ui.button("Save", on_click=self._named).props("id=map-draw-save")
-                ui.button("Cancel", on_click=self._dialog.close).props("flat")
-        self._dialog.on_value_change(lambda event: None if event.value else self._forget_name())
 
     def tick(self) -> None:
         """List the areas and places, if they have changed."""
@@ -88,48 +77,16 @@ class MapDrawing:
                 self._build_entry(area.name, is_place=False)
 
     async def outlined(self, sent: Any) -> None:
-        """Ask for the name of an area whose corners the page's script has sent, then save it.
-
-        What is wrong with the area stands beside the question.
-        """
+        """Ask for the name of an area whose corners the page's script has sent, then save it."""
         corners = checked_corners(sent)
-        if corners is None:
-            return
-
-        def keep(name: str) -> None:
-            area = NoGoArea(name=name, corners=corners)
-            self._page.ask(AnnotateMap(no_go=[area]), "the no-go area", "the no-go area is saved")
-
-        self._ask_name("Name of the no-go area (empty: a number)", keep)
-        found = [await asyncio.to_thread(warning, corners) for warning in self._area_warnings]
-        self._warning.set_text("; ".join(filter(None, found)))
+        if corners is not None:
+            await self._card.name(NoGoArea(corners=corners))
 
     async def pointed(self, sent: Any) -> None:
         """Ask for the name of a place that the page's script has sent, then save it."""
         pose = checked_place(sent)
-        if pose is None:
-            return
-
-        def keep(name: str) -> None:
-            place = PointOfInterest(name=name, pose=pose)
-            self._page.ask(AnnotateMap(places=[place]), "the place", f"the place {name} is saved")
-
-        self._ask_name("Name of the place", keep)
-
-    def _ask_name(self, question: str, keep: Callable[[str], None]) -> None:
-        self._question.set_text(question)
-        self._warning.set_text("")
-        self._keep = keep
-        self._dialog.open()
-
-    def _forget_name(self) -> None:
-        # Not when the dialog opens: the page may get that late, and would drop what has been typed since.
-        self._name.set_value("")
-
-    def _named(self) -> None:
-        name = str(self._name.value or "").strip()
-        self._dialog.close()
-        self._keep(name)
+        if pose is not None:
+            await self._card.name(PointOfInterest(pose=pose))
 
     def _undo(self) -> None:
         self._page.ask(UndoMapAnnotation(), "the undo", "the last change of the map is taken back")

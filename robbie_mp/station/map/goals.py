@@ -68,6 +68,11 @@ def place(page: Page, clock: Clock, placement: Placement, robot: PoseStamped | N
     return None
 
 
+def goal_now(message: PoseStamped | None) -> PoseStamped | None:
+    """Return the goal that the robot drives to; None if there is none, as a message without a frame says."""
+    return message if message is not None and message.header.frame_id else None
+
+
 class GoalList:
     """Goals that an operator has set for one after another.
 

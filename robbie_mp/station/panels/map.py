@@ -21,6 +21,7 @@ from robbie_mp.messages import (
     LaserScan,
     MapAnnotations,
     MappingState,
+    NoGoArea,
     OccupancyGrid,
     Path,
     PointOfInterest,
@@ -29,9 +30,20 @@ from robbie_mp.messages import (
 from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.scene import RigidTransform
 from robbie_mp.station.live import SCRIPTS
-from robbie_mp.station.map.drawing import MapDrawing, area_marks
+from robbie_mp.station.map.card import MapCard
+from robbie_mp.station.map.drawing import NO_GO, PLACE, MapDrawing, area_marks
 from robbie_mp.station.map.goal_menu import GoalMenu
-from robbie_mp.station.map.goals import GOAL, INITIAL_POSE, MAX_GOALS, NEXT_GOAL, GoalList, checked, place
+from robbie_mp.station.map.goals import (
+    GOAL,
+    INITIAL_POSE,
+    MAX_GOALS,
+    NEXT_GOAL,
+    GoalList,
+    Placement,
+    checked,
+    goal_now,
+    place,
+)
 from robbie_mp.station.map.marks import CellMarks, MapMark
 from robbie_mp.station.map.trail import Trail
 from robbie_mp.station.page.page import Page
@@ -54,7 +66,16 @@ MAX_PATH_POINTS = 500
 """Maximum number of points. Longer paths are drawn with every second, third … point."""
 MODES = {"": "Move", GOAL: "Set goal", NEXT_GOAL: "Add goal", INITIAL_POSE: "Set pose"}
 """The effect of a press on the map."""
-FOLLOWS = {"stay": "Stay", "follow": "Follow", "heading": "Heading up"}
+HINTS = {
+    GOAL: "Set goal: press the place; drag for the heading",
+    NEXT_GOAL: "Add goals: press one place after another",
+    INITIAL_POSE: "Set pose: press where the robot is, and drag to where it looks",
+    NO_GO: "Draw a no-go area: drag a rectangle, or press corner after corner and the first one again",
+    PLACE: "Name a place: press it; drag for the heading",
+}
+"""What a press does now, and how."""
+STAY, FOLLOW = "stay", "follow"
+FOLLOWS = {STAY: "Stay", FOLLOW: "Follow", "heading": "Heading up"}
 LAYERS = {
     "scan": "Laser",
     "trail": "Trail",
@@ -89,6 +110,73 @@ class MapView(Element, component="map_view.js", esm=SCRIPTS):
         if any(self._props.get(name) != value for name, value in properties.items()):
             self._props.update(properties)
             self.update()
+
+
+class PressMode:
+    """What a press on the map of one page does. Over the map stands what, unless it moves the map.
+
+    Args:
+        page: the page. Observers can only move the map.
+    """
+
+    def __init__(self, page: Page):
+        self._toggle = ui.toggle(MODES, value="").props("id=map-mode")
+        self._toggle.set_visibility(page.can_command)
+        self._toggle.on_value_change(lambda event: self._show(str(event.value or "")))
+
+    def build_hint(self, view: MapView) -> None:
+        """Build what says the mode over the map."""
+        self._view = view
+        with ui.element("div").classes("map-mode-shown").props("id=map-mode-shown role=status") as self._hint:
+            self._text = ui.label("")
+            ui.button("End", on_click=self.end).props("id=map-mode-end unelevated dense")
+        self._hint.set_visibility(False)
+
+    def draw(self, what: str) -> None:
+        """Begin a drawing, for which the toggle has no place."""
+        self._toggle.set_value(None)
+        self._show(what)
+
+    def end(self) -> None:
+        """Let a press move the map again."""
+        self._toggle.set_value("")
+        self._show("")
+
+    def _show(self, placing: str) -> None:
+        self._view.set(placing=placing)
+        self._text.set_text(HINTS.get(placing, ""))
+        self._hint.set_visibility(bool(placing))
+
+
+class PageMap:
+    """What the card does on the map of one page.
+
+    Args:
+        view: the map.
+        go: sets a goal.
+    """
+
+    def __init__(self, view: MapView, go: Callable[[Placement], object]):
+        self._view, self._go = view, go
+
+    def draft(self, drawing: NoGoArea | PointOfInterest | None) -> None:
+        """Draw what has no name yet."""
+        match drawing:
+            case NoGoArea():
+                self._view.set(draft={"corners": [[one.x, one.y] for one in drawing.corners]})
+            case PointOfInterest():
+                position = drawing.pose.position
+                self._view.set(draft={"x": position.x, "y": position.y})
+            case _:
+                self._view.set(draft=None)
+
+    def show(self, x_m: float, y_m: float) -> None:
+        """Bring a place into the middle."""
+        self._view.run_method("show", x_m, y_m)
+
+    def go(self, placement: Placement) -> None:
+        """Set a goal."""
+        self._go(placement)
 
 
 class MapPanel(Panel):
@@ -128,52 +216,34 @@ class MapPanel(Panel):
     def build(self, page: Page) -> None:
         """Build the map and its tools."""
         with ui.row().classes("items-center map-tools"):
-            mode = ui.toggle(MODES, value="").props("id=map-mode")
-            mode.set_visibility(page.can_command)
+            mode = PressMode(page)
             undo = tool_button("undo", "map-undo", "Undo: take back the last goal")
-            undo.set_visibility(page.can_command)
             cancel = tool_button("wrong_location", "map-cancel", "Cancel goal")
             cancel.set_text("Cancel goal")
-            cancel.set_visibility(page.can_command)
+            for tool in (undo, cancel):
+                tool.set_visibility(page.can_command)
             drawing_tools = ui.row().classes("items-center")
-            follows = ui.toggle(FOLLOWS, value="stay").props("id=map-follow")
+            follows = ui.toggle(FOLLOWS, value=FOLLOW).props("id=map-follow")
         with ui.element("div").classes("map-stage shows-age fills"):
             view = MapView().props("id=map-view")
+            edges = PageMap(view, lambda goal: place(page, self._clock, goal, self._pose.message))
             view.style("width: 100%; height: 100%; touch-action: none; display: block")
             with ui.element("div").classes("map-view-tools"):
-                shown = self._build_view_tools(view)
+                shown = self._build_view_tools(view, follows)
+            mode.build_hint(view)
+            card = MapCard(page, self._annotations, edges, self._marks.area_warnings)
+        view.on("dragged", lambda _event: follows.set_value(STAY))
+        view.on("pressed", lambda event: card.press(event.args))
         follows.on_value_change(lambda event: view.set(follows=str(event.value)))
         text = ui.label("").props("id=map-text")
-        goals = GoalList(lambda goal: place(page, self._clock, goal, self._pose.message))
-
-        def cancel_all() -> None:
-            goals.clear()
-            self._cancel(page)
-
-        def placed(event: GenericEventArguments) -> None:
-            placement = checked(event.args)
-            if placement is None:
-                return
-            moves = placement.kind != INITIAL_POSE
-            if not (page.may_move("the goal") if moves else page.may("the place")):
-                return
-            if placement.kind == NEXT_GOAL:
-                if not goals.add(placement):
-                    ui.notify(f"{MAX_GOALS} goals wait already", type="negative")
-                return
-            if placement.kind == GOAL:
-                goals.clear()
-            place(page, self._clock, placement, self._pose.message)
-            mode.set_value("")
-
+        goals = GoalList(edges.go)
         if page.can_command:
-            mode.on_value_change(lambda event: view.set(placing=str(event.value or "")))
-            view.on("placed", placed)
             undo.on_click(goals.undo)
-            cancel.on_click(cancel_all)
+            cancel.on_click(lambda: self._cancel_all(page, goals))
+            view.on("placed", lambda event: self._placed(page, goals, mode, event))
             with drawing_tools:
                 page.every(TEXT_PERIOD_S, self.name, GoalMenu(goals).tick)
-                self._build_drawing(page, view, mode)
+                self._build_drawing(page, view, mode, card)
             page.always(GOALS_PERIOD_S, goals.tick)
 
         def update() -> None:
@@ -184,24 +254,36 @@ class MapPanel(Panel):
 
         page.every(TEXT_PERIOD_S, self.name, update)
 
-    def _build_drawing(self, page: Page, view: MapView, mode: ui.toggle) -> None:
+    def _placed(self, page: Page, goals: GoalList, mode: PressMode, event: GenericEventArguments) -> None:
+        """Set the goal or the pose that an operator has pressed."""
+        placement = checked(event.args)
+        if placement is None:
+            return
+        moves = placement.kind != INITIAL_POSE
+        if not (page.may_move("the goal") if moves else page.may("the place")):
+            return
+        if placement.kind == NEXT_GOAL:
+            if not goals.add(placement):
+                ui.notify(f"{MAX_GOALS} goals wait already", type="negative")
+            return
+        if placement.kind == GOAL:
+            goals.clear()
+        place(page, self._clock, placement, self._pose.message)
+        mode.end()
+
+    def _build_drawing(self, page: Page, view: MapView, mode: PressMode, card: MapCard) -> None:
         """Build the tools with which an operator draws on the map."""
-
-        def draw(what: str) -> None:
-            mode.set_value(None)
-            view.set(placing=what)
-
-        drawing = MapDrawing(page, self._annotations, draw, self._marks.area_warnings)
+        drawing = MapDrawing(page, self._annotations, mode.draw, card)
 
         async def drawn(event: GenericEventArguments, keep: Callable[[Any], Awaitable[None]]) -> None:
-            mode.set_value("")
+            mode.end()
             await keep(event.args)
 
         view.on("outlined", lambda event: drawn(event, drawing.outlined))
         view.on("pointed", lambda event: drawn(event, drawing.pointed))
         page.every(TEXT_PERIOD_S, self.name, drawing.tick)
 
-    def _build_view_tools(self, view: MapView) -> set[str]:
+    def _build_view_tools(self, view: MapView, follows: ui.toggle) -> set[str]:
         """Build what changes only how this page shows the map. Return the layers of cells that it shows."""
         shown: set[str] = set()
         for name, icon, label in (
@@ -219,6 +301,7 @@ class MapPanel(Panel):
                 case "out":
                     button.on_click(lambda: view.run_method("zoom", 1 / 1.5))
                 case "fit":
+                    button.on_click(lambda: follows.set_value(STAY))
                     button.on_click(lambda: view.run_method("fit"))
                 case "measure":
                     button.on_click(lambda: view.run_method("measure"))
@@ -292,10 +375,13 @@ class MapPanel(Panel):
             "cell_edges": {title: edge_m for title, (_, edge_m, _) in self._cells.items()},
             "robot": planar(self._pose.message),
             "doubt": doubt_mark(self._mapping.message),
-            "goal": planar(self._goal.message),
+            "goal": planar(goal_now(self._goal.message)),
             "frontiers": frontier_marks(self._frontiers.message),
             "marked": [disc_of(mark) for marks in self._marks.now().values() for mark in marks],
-            "places": [place_mark(place) for place in (*self._places.places, *self._named())],
+            "places": [
+                *(place_mark(one) for one in self._places.places),
+                *(place_mark(one, PLACE) for one in self._named()),
+            ],
             "no_go": area_marks(self._annotations.message),
             "others": self._others,
         }
@@ -309,7 +395,7 @@ class MapPanel(Panel):
         grid, path = self._grid.message, self._path.message
         info = grid.info if grid else None
         parts = [f"{info.width} x {info.height} cells of {info.resolution:.3g} m" if info else "no map yet"]
-        for name, pose in (("robot", self._pose.message), ("goal", self._goal.message)):
+        for name, pose in (("robot", self._pose.message), ("goal", goal_now(self._goal.message))):
             if (place := planar(pose)) is not None:
                 x_m, y_m, yaw_rad = place
                 parts.append(f"{name} at {x_m:.2f} m, {y_m:.2f} m, {math.degrees(yaw_rad):.0f}°")
@@ -325,8 +411,9 @@ class MapPanel(Panel):
         names = [place.name for place in (*self._places.places, *self._named())]
         return "; ".join([*parts, *names])
 
-    def _cancel(self, page: Page) -> None:
+    def _cancel_all(self, page: Page, goals: GoalList) -> None:
         """End the goal that the robot drives to, whichever module or operator has set it."""
+        goals.clear()
         page.ask(CancelNavigation(reason="an operator cancelled it"), "the cancel", "the robot has no goal")
 
 
@@ -393,10 +480,10 @@ def disc_of(mark: MapMark) -> dict[str, Any]:
     return {"x": mark.x, "y": mark.y, "name": mark.name, "colour": mark.colour}
 
 
-def place_mark(place: PointOfInterest) -> dict[str, Any]:
+def place_mark(place: PointOfInterest, kind: str = "mark") -> dict[str, Any]:
     """Return the drawing data of a point of interest."""
     position = place.pose.position
-    return {"x": position.x, "y": position.y, "name": place.name, "colour": PLACE_COLOUR}
+    return {"x": position.x, "y": position.y, "name": place.name, "colour": PLACE_COLOUR, "kind": kind}
 
 
 def robot_mark(name: str, pose: RigidTransform) -> dict[str, Any]:

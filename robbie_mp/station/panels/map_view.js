@@ -3,6 +3,9 @@ import { from_json, Live, MapPicture, show_age } from "robbie-live";
 const MAX_FIT_SCALE = 150; // pixels per m
 const SHOWN_SCALE = 80; // pixels per m, at least, round a place that is to be shown
 const SHOWN_MS = 10_000; // for so long, the map does not follow the robot then
+const FOLLOW_SCALE = 40; // pixels per m, at least, round a robot that the map follows
+const PRESS_PX = 6; // a press that moves farther drags the map
+const NEAR_PX = 22; // of a mark that is pressed, which is as wide as a thumb
 const STEP_M = 0.01; // of packed points
 const LEGEND = [
   ["arrow", "#c62828", "robot"], ["arrow", "#2e7d32", "goal"], ["line", "#1565c0", "path"], ["line", "#ef6c00", "trail"],
@@ -19,12 +22,14 @@ export default {
     :style="{ cursor: placing ? 'crosshair' : 'grab' }"></canvas>`,
   props: {
     placing: String,
-    follows: { type: String, default: "stay" },
+    follows: { type: String, default: "follow" },
+    draft: { type: Object, default: null }, // what is drawn and has no name yet: { corners } or { x, y }
     hidden: { type: Array, default: () => [] },
     waiting: { type: Array, default: () => [] },
   },
   watch: {
     follows() {
+      this.is_dragged = false;
       if (this.follows === "stay") this.turn = 0;
       this.redraw();
     },
@@ -37,6 +42,9 @@ export default {
       this.redraw();
     },
     waiting() {
+      this.redraw();
+    },
+    draft() {
       this.redraw();
     },
   },
@@ -61,7 +69,8 @@ export default {
     canvas.addEventListener("pointerup", (event) => this.up(event));
     canvas.addEventListener("pointercancel", () => (this.press = null));
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
-    this.observer = new ResizeObserver(() => this.redraw());
+    this.is_dragged = false; // until the server knows, and the map does not follow any more
+    this.observer = new ResizeObserver(() => this.keep_view());
     this.observer.observe(canvas);
     this.ageing = setInterval(() => show_age(canvas.parentElement, this.marks.born), 200);
     this.live = new Live("marks+map", canvas, (parts) => this.take(parts));
@@ -89,6 +98,15 @@ export default {
       this.$el.dataset.centre = `${place.x.toFixed(2)} ${place.y.toFixed(2)}`;
       this.redraw();
     },
+    // What was in sight stays in sight when the tile has another size: as many metres along its shorter edge.
+    keep_view() {
+      const edge_px = Math.min(this.$el.clientWidth, this.$el.clientHeight);
+      if (!edge_px) return; // it is hidden
+      if (this.edge_px && this.adjusted) this.scale *= edge_px / this.edge_px;
+      else this.fitted = false;
+      this.edge_px = edge_px;
+      this.redraw();
+    },
     async take(parts) {
       for (const [name, part] of Object.entries(parts))
         if (name.startsWith("marks/points/")) this.scans.set(name, new Int16Array(part));
@@ -110,7 +128,8 @@ export default {
       const [u, v] = [((left + right) / 2) * pixel_m, ((bottom + top) / 2) * pixel_m];
       this.centre = { x: x_m + cos * u - sin * v, y: y_m + sin * u + cos * v };
       const [width, height] = [(right - left) * pixel_m, (top - bottom) * pixel_m];
-      this.scale = 0.9 * Math.min(canvas.clientWidth / width, canvas.clientHeight / height, MAX_FIT_SCALE);
+      const fitting = 0.9 * Math.min(canvas.clientWidth / width, canvas.clientHeight / height, MAX_FIT_SCALE);
+      this.scale = this.follows === "stay" ? fitting : Math.max(fitting, FOLLOW_SCALE);
       this.fitted = true;
       this.adjusted = false;
       this.redraw();
@@ -148,13 +167,19 @@ export default {
       if (event.button !== 0) return;
       this.$el.setPointerCapture(event.pointerId);
       const at = this.point(event);
-      this.press = { begin: at, at, placing: this.placing, measures: this.measures };
+      const from = [event.clientX, event.clientY];
+      this.press = { begin: at, at, from, placing: this.placing, measures: this.measures };
     },
     move(event) {
       if (!this.press) return;
       this.press.at = this.point(event);
       if (this.press.measures) this.measured = { begin: this.press.begin, end: this.press.at };
       else if (!this.press.placing) {
+        const moved_px = Math.hypot(event.clientX - this.press.from[0], event.clientY - this.press.from[1]);
+        this.press.drags ||= moved_px > PRESS_PX;
+        if (!this.press.drags) return;
+        if (this.follows !== "stay" && !this.is_dragged) this.$emit("dragged", {});
+        this.is_dragged = true;
         this.centre.x += this.press.begin.x - this.press.at.x;
         this.centre.y += this.press.begin.y - this.press.at.y;
         this.adjusted = true;
@@ -165,13 +190,35 @@ export default {
       const press = this.press;
       this.press = null;
       this.redraw();
-      if (!press || press.measures || !press.placing) return;
+      if (!press || press.measures) return;
+      if (!press.placing) return press.drags ? undefined : this.press_mark(press.begin);
       const [x, y] = [press.at.x - press.begin.x, press.at.y - press.begin.y];
       const dragged = Math.hypot(x, y) * this.scale > 10;
       if (press.placing === "no_go") return this.outline(press, dragged);
       this.$emit(press.placing === "place" ? "pointed" : "placed", {
         what: press.placing, x_m: press.begin.x, y_m: press.begin.y, yaw_rad: dragged ? Math.atan2(y, x) : null,
       });
+    },
+    // Tells which mark was pressed: the nearest, or the area in which the place lies; or that none was.
+    press_mark(at) {
+      const distance_px = ([x, y]) => Math.hypot(x - at.x, y - at.y) * this.scale;
+      const near = this.pressable().filter(({ place }) => distance_px(place) < NEAR_PX);
+      near.sort((one, other) => distance_px(one.place) - distance_px(other.place));
+      const area = this.shows("no_go") && this.marks.no_go.find(({ corners }) => is_inside(corners, at));
+      const found = near[0] ?? (area && { kind: "area", name: area.name, place: middle_of(area.corners) });
+      if (!found) return this.$emit("pressed", { kind: "" });
+      const { kind, name, place } = found;
+      this.$emit("pressed", { kind, name, x_m: place[0], y_m: place[1] });
+    },
+    pressable() {
+      const { places, marked, others } = this.marks;
+      const marks = this.shows("marks") ? [...places, ...marked] : [];
+      return [...marks, ...(this.shows("others") ? others : [])].map(({ x, y, name, kind }) => ({ kind: kind ?? "mark", name, place: [x, y] }));
+    },
+    // Brings a place into the middle.
+    show(x, y) {
+      window.place_on_map = { x, y };
+      this.show_place();
     },
     // Takes one more corner of a no-go area, or both corners of a rectangle.
     outline({ begin, at }, dragged) {
@@ -194,7 +241,6 @@ export default {
     // visitor has begun. A menu that is about to close would take the focus back, so the map waits for it.
     take_focus() {
       clearTimeout(this.focus_timer);
-    clearInterval(this.ageing);
       if (!this.placing) return;
       if (document.activeElement?.closest(".q-menu")) this.focus_timer = setTimeout(() => this.take_focus(), 50);
       else this.$el.focus({ preventScroll: true });
@@ -240,7 +286,7 @@ export default {
     // Keeps the robot in the middle.
     go_along() {
       const { robot } = this.marks;
-      if (this.follows === "stay" || !robot || this.press || performance.now() < this.stays_until_ms) return;
+      if (this.follows === "stay" || this.is_dragged || !robot || this.press || performance.now() < this.stays_until_ms) return;
       this.centre = { x: robot[0], y: robot[1] };
       this.turn = this.follows === "heading" ? Math.PI / 2 - robot[2] : 0;
     },
@@ -283,6 +329,8 @@ export default {
     },
     draw_placing(pen) {
       const press = this.press;
+      if (this.draft?.corners) this.draw_area(pen, this.draft.corners);
+      else if (this.draft) this.draw_disc(pen, { ...this.draft, name: "", colour: COLOURS["no-go"] });
       if (this.corners.length) {
         this.draw_area(pen, this.corners.map(({ x, y }) => [x, y]));
         for (const { x, y } of this.corners) this.draw_disc(pen, { x, y, name: "", colour: COLOURS["no-go"] });
@@ -454,6 +502,15 @@ function rectangle(one, other) {
 
 function middle_of(corners) {
   return [0, 1].map((axis) => corners.reduce((sum, corner) => sum + corner[axis], 0) / corners.length);
+}
+
+function is_inside(corners, { x, y }) {
+  let inside = false;
+  corners.forEach(([right, top], at) => {
+    const [left, bottom] = corners.at(at - 1);
+    if (top > y !== bottom > y && x < right + ((left - right) * (y - top)) / (bottom - top)) inside = !inside;
+  });
+  return inside;
 }
 
 function apart(one, other) {

@@ -10,6 +10,7 @@ import numpy as np
 
 from robbie_mp.messages import Path, Pose, PoseStamped
 from robbie_mp.scene import RigidTransform, SceneGraphError, SceneGraphListener
+from robbie_mp.station.map.goals import goal_now
 from robbie_mp.station.map.marks import MapMark
 from robbie_mp.station.map.trail import Trail
 from robbie_mp.station.scene_view.picture_pose import MAP, pose_for_picture
@@ -135,7 +136,7 @@ class Surveyor:
             count=self._sources.count,
             path=self._corners(),
             trail=self._way_come(),
-            goal=None if self._goal.message is None else _planar(self._goal.message.pose),
+            goal=None if (goal := goal_now(self._goal.message)) is None else _planar(goal.pose),
             marks=self._map.marks.now(),
             others=other_robots(self._scene, world),
             places=tuple(

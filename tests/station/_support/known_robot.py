@@ -156,8 +156,14 @@ class KnownRobot(Module):
         )
 
     def on_annotate(self, request: AnnotateMap) -> MapAnnotated:
+        removed = {
+            *request.remove,
+            *(one.name for one in request.no_go),
+            *(one.name for one in request.places),
+        }
         self.drawn = MapAnnotations(
-            no_go=[*self.drawn.no_go, *request.no_go], places=[*self.drawn.places, *request.places]
+            no_go=[*(one for one in self.drawn.no_go if one.name not in removed), *request.no_go],
+            places=[*(one for one in self.drawn.places if one.name not in removed), *request.places],
         )
         self.publish(self.drawn, latched=True)
         for area in request.no_go:
@@ -179,6 +185,7 @@ class KnownRobot(Module):
         if self.active is None or not self.active.is_active:
             return NavigationCancelled()
         self.active.cancelled(request.reason)
+        self.publish(PoseStamped(), topic="goal")  # there is none any more
         return NavigationCancelled(client=self.active.client)
 
     def on_pose(self, placed: PoseStamped) -> None:
