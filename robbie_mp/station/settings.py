@@ -21,6 +21,10 @@ class StationSettings:
         None, "token of operators; null: a new one for each run, in the printed link"
     )
     observer_token: Secret | None = setting(None, "token of observers; null: there are no observers")
+    robot_name: str = setting("", "name of the robot, which pages show; '': that of the profile")
+    robot_colour: str = setting(
+        "", "colour of the robot, which pages show beside its name, such as #ff6f00; '': one of its name"
+    )
     panels: list[str] = setting(
         [], "your robot's own panels, each package.module:Class, besides the framework's"
     )

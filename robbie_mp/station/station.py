@@ -16,6 +16,7 @@ from robbie_mp.module.settings import SettingError
 from robbie_mp.run.operator_link import remove_link, token_of_run, write_link
 from robbie_mp.run.trace.log_limit import limited
 from robbie_mp.station.module import StationModule
+from robbie_mp.station.page.identity import COLOUR
 from robbie_mp.station.page.layouts import LayoutError, check_layout
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels
 from robbie_mp.station.web.access import Access
@@ -97,6 +98,8 @@ class OperatorStation(StationModule):
         _check_addresses(settings["public_address"], settings["trusted_proxies"])
         if len(settings["robot_size_m"]) != 3:
             raise SettingError("expected three numbers: length, width and height", "robot_size_m")
+        if not COLOUR.fullmatch(settings["robot_colour"]):
+            raise SettingError("expected a colour such as #ff6f00", "robot_colour")
         model = settings["robot_model"]
         if model is not None and model.suffix.lower() not in MODEL_SUFFIXES:
             expected = " or ".join(MODEL_SUFFIXES)

@@ -12,13 +12,26 @@ from tests.station.test_panels import Told
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(240)]
 HERE = Path(__file__).parent
+READS_BACK = ("Canvas2D: Multiple readback operations",)
+"""Begins what a browser says of a test that looks at colours."""
 PROFILE = """
 modules:
-  operator: {class: "robbie_mp.station:OperatorStation", settings: {port: 0, tabs: {map: ""}}}
+  operator:
+    class: "robbie_mp.station:OperatorStation"
+    settings: {port: 0, tabs: {map: ""}, robot_name: Scout, robot_colour: "#ff6f00"}
   known: {class: "zoo.known_robot:KnownRobot"}
 """
 MAP = "Object.values(mounted_app.$refs).flat().find((one) => one?.on_screen)"
 VIEW = f"(() => {{ const {{ centre, scale }} = {MAP}; return [centre.x, centre.y, scale]; }})()"
+AROUND = f"""((x, y) => {{
+  const map = {MAP}, pen = map.$el.getContext("2d");
+  const [u, v] = map.on_screen(x, y), size = Math.max(0.2 * map.scale, 11);
+  const directions = [...Array(8).keys()].map((at) => 0.3 + (Math.PI / 4) * at);
+  const places = directions.map((at) => [u + size * Math.cos(at), v + size * Math.sin(at)]);
+  const colours = places.map(([left, top]) => pen.getImageData(left, top, 1, 1).data);
+  return colours.every(([red, green, blue]) => green > red + 20 && green > blue + 20);
+}})"""
+"""Returns whether a ring in the goal's colour is round a place of the map."""
 ROBOT_AT = [1.5, 3.25]
 
 
@@ -43,7 +56,8 @@ def test_map_keeps_its_view_and_what_is_on_it_can_be_pressed(robot: Robot) -> No
     robot.write_profile(PROFILE)
     robot.start()
     told = Told(robot)
-    with browser() as started, page_of(started, address_of(robot)) as page:
+    with browser() as started, page_of(started, address_of(robot), may_say=READS_BACK) as page:
+        robot_says_who_it_is(page, address_of(robot))
         page.click("#tab-map")
         page.wait_for_selector("#map-view[data-map=whole]")
         it_follows_until_it_is_dragged(page)
@@ -51,6 +65,18 @@ def test_map_keeps_its_view_and_what_is_on_it_can_be_pressed(robot: Robot) -> No
         place_is_named_without_a_dialog(page)
         mark_goes_shows_is_renamed_and_comes_back(page, told)
         goal_disappears_when_it_ends(page, told)
+
+
+def robot_says_who_it_is(page: Page, address: str) -> None:
+    page.wait_for_selector("#robot-name:text-is('Scout')")
+    assert page.title().endswith("Scout")
+    assert (
+        page.evaluate("getComputedStyle(document.getElementById('robot-name')).borderLeftColor")
+        == "rgb(255, 111, 0)"
+    )
+    other = page.request.get(address.partition("?")[0], headers={"cookie": ""}).text()
+    assert "<title>Scout: log in</title>" in other
+    assert "#ff6f00" in other
 
 
 def it_follows_until_it_is_dragged(page: Page) -> None:
@@ -128,6 +154,8 @@ def goal_disappears_when_it_ends(page: Page, told: Told) -> None:
     press(page, 2.0, 3.0)
     told.waits_for("goal", "map")
     page.wait_for_selector("#map-text:has-text('goal at 2.0')")
+    page.wait_for_function(f"{AROUND}(2.0, 3.0)")  # a ring, and no arrow as the robot is
+    assert not page.evaluate(f"{AROUND}({ROBOT_AT[0]}, {ROBOT_AT[1]})")
     page.click("#map-cancel")
     told.waits_for("cancel")
     page.wait_for_selector("#map-text:not(:has-text('goal at'))")

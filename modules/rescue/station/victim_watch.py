@@ -130,7 +130,7 @@ def mark_of(known: KnownVictim) -> MapMark:
         address = f"/pictures/victim/{found.id}?{known.image_count}"
         shape = found.image.height / found.image.width
         picture = MarkPicture(address, round(found.pose.orientation.yaw, 2), shape)
-    return MapMark(found.name, colour, position.x, position.y, position.z, picture)
+    return MapMark(found.name, colour, position.x, position.y, position.z, picture, "person")
 
 
 def victim_changes() -> Callable[[VictimFound], str | None]:

@@ -220,6 +220,14 @@ def free_way_m(points: NDArray[np.float64], length_m: float, width_m: float, ran
     return max(0.0, farthest_m - length_m / 2)
 
 
+def heading_deg(yaw_rad: float) -> int:
+    """Return a heading as all panels show it, 0 to 359°.
+
+    Counter-clockwise from the map's x axis: right on the map with north up.
+    """
+    return round(math.degrees(yaw_rad)) % 360
+
+
 def tilt(q: Quaternion) -> tuple[float, float]:
     """Return pitch and roll of an orientation, rad: pitch is positive with the front down."""
     pitch = math.asin(max(-1.0, min(1.0, 2.0 * (q.w * q.y - q.z * q.x))))

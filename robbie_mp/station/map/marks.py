@@ -28,7 +28,7 @@ class MarkPicture(NamedTuple):
 
 
 class MapMark(NamedTuple):
-    """A named place: a disc on the map, a ball in the 3-D view."""
+    """A named place or person: a disc or a figure on the map, a ball in the 3-D view."""
 
     name: str
     colour: str
@@ -38,6 +38,8 @@ class MapMark(NamedTuple):
     y: float
     z: float
     picture: MarkPicture | None = None
+    shape: str = "disc"
+    """On the map: "disc" for a place, "person" for a human being."""
 
 
 class CellMarks(NamedTuple):

@@ -51,7 +51,7 @@ export default {
     take() {
       const news = this.waiting.filter((one) => one.number > this.heard);
       this.heard = Math.max(this.heard, ...this.alarms.map((one) => one.number));
-      document.title = this.first ? `(${this.waiting.length}) ${this.first.text}` : this.title;
+      document.title = this.first ? `(${this.waiting.length}) ${this.first.text} · ${this.title}` : this.title;
       if (news.length) this.sound(Math.max(...news.map((one) => one.level)));
     },
     repeat() {

@@ -14,6 +14,7 @@ from nicegui import Client, ui
 from robbie_mp.station.page import first_paint
 from robbie_mp.station.page.cockpit import LAYOUT, TAB, Cockpit
 from robbie_mp.station.page.grid import STYLES
+from robbie_mp.station.page.identity import ANY_ROBOT, Identity
 from robbie_mp.station.page.keyboard import Keyboard, keys_button
 from robbie_mp.station.page.layouts import LayoutCollection
 from robbie_mp.station.page.look import COOKIE, LookSwitch
@@ -118,6 +119,8 @@ class PageParts:
     """The path of the file with the icons and styles that the page needs first."""
     is_ours: bool
     """Whether that file has all that the panels use."""
+    identity: Identity = ANY_ROBOT
+    """The robot's name and colour."""
     stop_path: str | None = None
     """Of a page that shows the past, the path of the live page, whose robot its emergency stop stops."""
 
@@ -142,6 +145,7 @@ def build_page(page: Page, parts: PageParts, layouts: LayoutCollection, single: 
     cockpit = Cockpit(page, layouts, parts.panels, single, parts.plays_log)
     with ui.element("div").classes("cockpit"):
         with ui.element("header").classes("cockpit-bar beside-emergency-stop"):
+            _build_name(parts.identity)
             parts.strip(page)
             with ui.element("div").classes("cockpit-tools"):
                 _build_tools(page, parts, cockpit)
@@ -176,6 +180,11 @@ def early(prefix: str) -> str:
     links = [f'<link rel="preload" as="script" href="{root}/{name}">' for name in LARGE_SCRIPTS]
     links.append(f'<link rel="modulepreload" href="{root}/{PURIFIER}">')
     return "".join(links)
+
+
+def _build_name(identity: Identity) -> None:
+    name = ui.label(identity.name).props(f'id=robot-name title="{identity.name}"')
+    name.style(f"border-left-color: {identity.colour}")
 
 
 def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:

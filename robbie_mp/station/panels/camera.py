@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 from nicegui.element import Element
 
+from robbie_mp.station.driving.motion import heading_deg
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.camera_look import CameraLook, direction_of
 from robbie_mp.station.panels.cameras import REFRESH_S, DetectionBoxes, NewestImage
@@ -176,7 +177,6 @@ def display_of(
     def degrees(value: float | None) -> int | None:
         return None if value is None else round(math.degrees(value))
 
-    heading = degrees(now.heading_rad)
     return {
         "camera": camera,
         "slowed": round(100 * slowed),
@@ -186,7 +186,7 @@ def display_of(
         "angular": rounded(now.angular_rad_per_s, 1),
         "commanded": rounded(now.commanded_linear, 2),
         "commanded_turn": rounded(now.commanded_angular, 1),
-        "heading": None if heading is None else heading % 360,
+        "heading": None if now.heading_rad is None else heading_deg(now.heading_rad),
         "pitch": degrees(now.pitch_rad),
         "roll": degrees(now.roll_rad),
         "ahead": rounded(now.ahead_m, 1 if (now.ahead_m or 0.0) > 1.0 else 2),

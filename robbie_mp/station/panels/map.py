@@ -29,6 +29,7 @@ from robbie_mp.messages import (
 )
 from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.scene import RigidTransform
+from robbie_mp.station.driving.motion import heading_deg
 from robbie_mp.station.live import SCRIPTS
 from robbie_mp.station.map.card import MapCard
 from robbie_mp.station.map.drawing import NO_GO, PLACE, MapDrawing, area_marks
@@ -398,7 +399,7 @@ class MapPanel(Panel):
         for name, pose in (("robot", self._pose.message), ("goal", goal_now(self._goal.message))):
             if (place := planar(pose)) is not None:
                 x_m, y_m, yaw_rad = place
-                parts.append(f"{name} at {x_m:.2f} m, {y_m:.2f} m, {math.degrees(yaw_rad):.0f}°")
+                parts.append(f"{name} at {x_m:.2f} m, {y_m:.2f} m, {heading_deg(yaw_rad)}°")
         parts += doubts(self._mapping.message)
         if path:
             parts.append(f"path of {len(path.poses)} points")
@@ -477,7 +478,7 @@ def doubts(state: MappingState | None) -> list[str]:
 
 def disc_of(mark: MapMark) -> dict[str, Any]:
     """Return the drawing data of a panel's mark."""
-    return {"x": mark.x, "y": mark.y, "name": mark.name, "colour": mark.colour}
+    return {"x": mark.x, "y": mark.y, "name": mark.name, "colour": mark.colour, "shape": mark.shape}
 
 
 def place_mark(place: PointOfInterest, kind: str = "mark") -> dict[str, Any]:

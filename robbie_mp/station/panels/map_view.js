@@ -8,7 +8,7 @@ const PRESS_PX = 6; // a press that moves farther drags the map
 const NEAR_PX = 22; // of a mark that is pressed, which is as wide as a thumb
 const STEP_M = 0.01; // of packed points
 const LEGEND = [
-  ["arrow", "#c62828", "robot"], ["arrow", "#2e7d32", "goal"], ["line", "#1565c0", "path"], ["line", "#ef6c00", "trail"],
+  ["arrow", "#c62828", "robot"], ["target", "#2e7d32", "goal"], ["disc", "#3949ab", "place"], ["person", "#00897b", "person"], ["line", "#1565c0", "path"], ["line", "#ef6c00", "trail"],
   ["dot", "#d50000", "laser"], ["diamond", "#8e24aa", "frontier"], ["square", "#b71c1c", "no-go"],
 ];
 const COLOURS = Object.fromEntries(LEGEND.map(([, colour, name]) => [name, colour]));
@@ -306,13 +306,13 @@ export default {
       if (this.shows("path")) this.draw_line(pen, path, COLOURS.path, 3);
       if (this.shows("frontiers")) for (const frontier of frontiers) this.draw_frontier(pen, frontier);
       if (this.shows("scan")) for (const scan of this.scans.values()) this.draw_points(pen, scan, COLOURS.laser, 3);
-      if (goal) this.draw_arrow(pen, goal, COLOURS.goal);
+      if (goal) this.draw_target(pen, goal, COLOURS.goal);
       this.waiting.forEach(([x, y], at) => this.draw_disc(pen, { x, y, name: `${at + 1}`, colour: COLOURS.goal }));
       for (const { x, y, yaw, name } of this.shows("others") ? others : []) {
         this.draw_arrow(pen, [x, y, yaw], "#5d4037");
         this.names.push([x, y, name]);
       }
-      if (this.shows("marks")) for (const mark of [...places, ...marked]) this.draw_disc(pen, mark);
+      if (this.shows("marks")) for (const mark of [...places, ...marked]) this.draw_mark(pen, mark);
       if (robot && doubt && this.shows("doubt")) this.draw_doubt(pen, robot, doubt);
       if (robot) this.draw_arrow(pen, robot, COLOURS.robot);
     },
@@ -393,6 +393,36 @@ export default {
       pen.fillStyle = colour;
       pen.fill();
       pen.restore();
+    },
+    // A ring round a dot, with a line to where the robot is to look: no arrow, which is the robot.
+    draw_target(pen, [x, y, yaw], colour) {
+      const size = Math.max(0.2, 11 / this.scale);
+      pen.save();
+      pen.translate(x, y);
+      pen.rotate(yaw);
+      pen.strokeStyle = pen.fillStyle = colour;
+      pen.lineWidth = size / 4;
+      pen.beginPath();
+      pen.arc(0, 0, size, 0, 2 * Math.PI);
+      pen.moveTo(size, 0);
+      pen.lineTo(1.8 * size, 0);
+      pen.stroke();
+      pen.beginPath();
+      pen.arc(0, 0, 0.45 * size, 0, 2 * Math.PI);
+      pen.fill();
+      pen.restore();
+    },
+    draw_mark(pen, mark) {
+      if (mark.shape !== "person") return this.draw_disc(pen, mark);
+      const size = Math.max(0.16, 10 / this.scale);
+      pen.save();
+      pen.translate(mark.x, mark.y);
+      pen.rotate(-this.turn); // upright on the screen
+      pen.scale(size, -size);
+      pen.fillStyle = mark.colour;
+      figure(pen);
+      pen.restore();
+      this.names.push([mark.x, mark.y, mark.name]);
     },
     draw_frontier(pen, [x, y, length]) {
       // A diamond, as wide as the frontier is long, but for very long ones.
@@ -486,7 +516,19 @@ export default {
         else if (shape === "square") pen.rect(u - 5, v - 5, 10, 10);
         else if (shape === "dot") pen.rect(u - 1.5, v - 1.5, 3, 3);
         else if (shape === "diamond") polygon(pen, u, v, [[0, -5], [5, 0], [0, 5], [-5, 0]]);
-        else polygon(pen, u, v, [[6, 0], [-5, -5], [-2, 0], [-5, 5]]);
+        else if (shape === "disc") pen.arc(u, v, 5, 0, 2 * Math.PI);
+        else if (shape === "target") {
+          pen.arc(u, v, 6, 0, 2 * Math.PI);
+          pen.arc(u, v, 4, 0, 2 * Math.PI, true);
+          pen.moveTo(u + 2, v);
+          pen.arc(u, v, 2, 0, 2 * Math.PI);
+        } else if (shape === "person") {
+          pen.save();
+          pen.translate(u, v);
+          pen.scale(6.5, 6.5);
+          figure(pen);
+          pen.restore();
+        } else polygon(pen, u, v, [[6, 0], [-5, -5], [-2, 0], [-5, 5]]);
         pen.fill();
         pen.fillStyle = "#000000";
         pen.fillText(name, u + 14, v + 4);
@@ -494,6 +536,16 @@ export default {
     },
   },
 };
+
+// A head and shoulders, 2 high, about the origin; y down.
+function figure(pen) {
+  pen.beginPath();
+  pen.arc(0, -0.55, 0.5, 0, 2 * Math.PI);
+  pen.moveTo(-0.9, 1);
+  pen.arc(0, 1, 0.9, Math.PI, 2 * Math.PI);
+  pen.closePath();
+  pen.fill();
+}
 
 function rectangle(one, other) {
   const { x, y } = other;

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ from nicegui import app, ui
 from nicegui.events import GenericEventArguments
 
 from robbie_mp.messages import PoseStamped
+from robbie_mp.station.driving.motion import heading_deg
 from robbie_mp.station.map.goals import GOAL, checked, place
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
@@ -138,7 +138,7 @@ def in_words(now: SceneContents) -> str:
         where = "nobody has said where the robot is"
     else:
         x, y, _ = now.robot.translation
-        where = f"robot at {x:.2f} m, {y:.2f} m, {math.degrees(now.robot.yaw):.0f}°"
+        where = f"robot at {x:.2f} m, {y:.2f} m, {heading_deg(now.robot.yaw)}°"
     others = "".join(
         f"; {name} at {pose.translation[0]:.2f} m, {pose.translation[1]:.2f} m"
         for name, pose in now.others.items()

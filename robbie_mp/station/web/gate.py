@@ -16,6 +16,7 @@ from starlette.websockets import WebSocketClose
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from robbie_mp.base.token_bucket import TokenBucket
+from robbie_mp.station.page.identity import ANY_ROBOT, Identity
 from robbie_mp.station.web.access import Access, is_own_origin
 from robbie_mp.station.web.connections import Connections, source_of
 from robbie_mp.station.web.proxy import PublicAddress
@@ -39,13 +40,13 @@ MAX_FOREIGN = 32
 MAX_SHOWN = 200
 """Maximum number of characters of an origin or host in a text."""
 
-HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>Robbie: {title}</title>
+HEAD = """<!doctype html><html lang="en"><meta charset="utf-8"><title>{robot}: {title}</title>
 <meta name="viewport" content="width=device-width"><link rel="icon" href="data:,">
 <style>body{{font:1.1rem sans-serif;display:grid;place-items:center;min-height:90vh}}
 body{{background:#10151b;color:#eee}}main{{max-width:40rem;white-space:pre-line}}
 input,button{{font:inherit;padding:.6rem;width:100%;box-sizing:border-box;margin-top:.6rem}}
-.error{{color:#ff8a80}}</style>"""
-LOGIN_FORM = """<form method="post" action="login">
+.error{{color:#ff8a80}}h1{{font-size:1.4rem;border-left:.6rem solid {colour};padding-left:.6rem}}</style>"""
+LOGIN_FORM = """<form method="post" action="login"><h1>{robot}</h1>
 <input name="username" value="robbie" autocomplete="username" hidden>
 <label for="token">Token of this robot</label>
 <input id="token" name="token" type="password" autocomplete="current-password" autofocus required>
@@ -78,15 +79,22 @@ class Gate:
         access: checks sessions and tokens, and logs refusals.
         connections: the connections on which the requests arrive.
         public: the address at which a proxy serves the page.
+        identity: the robot's name and colour.
 
     Attributes:
         foreign: number of requests that were refused because they came from pages of other sites.
     """
 
     def __init__(
-        self, app: App, access: Access, connections: Connections, public: PublicAddress | None = None
+        self,
+        app: App,
+        access: Access,
+        connections: Connections,
+        public: PublicAddress | None = None,
+        identity: Identity = ANY_ROBOT,
     ):
         self.foreign = 0
+        self._identity = identity
         self._app = app
         self._access = access
         self._connections = connections
@@ -147,12 +155,16 @@ class Gate:
         text = REFUSED.format(origin=origin, host=host, example=origin)
         if is_socket(visit) or "text/html" not in visit.headers.get("accept", ""):
             return refused(visit, text.rstrip(), 403)
-        return HTMLResponse(f"{HEAD.format(title='refused')}<main>{escape(text)}</main></html>", 403)
+        return HTMLResponse(f"{self._head('refused')}<main>{escape(text)}</main></html>", 403)
 
     def _is_secure(self, visit: HTTPConnection) -> bool:
         """Return whether the browser has reached the page, or at least the proxy, by https."""
         address = visit.headers.get("origin") or self._public.origin or f"{visit.url.scheme}://"
         return urlsplit(address).scheme == "https"
+
+    def _head(self, title: str) -> str:
+        robot, colour = self._identity
+        return HEAD.format(title=title, robot=escape(robot), colour=colour)
 
     def _login_page(self, visit: HTTPConnection, error: str, *more: Any) -> Response:
         """Return the page with the form for the token."""
@@ -161,8 +173,10 @@ class Gate:
         addresses = json.dumps([*known, str(self._public)]).replace("<", "\\u003c")
         knows = f"serves it at {self._public}" if self._public.origin else "does not know this address"
         unknown = UNKNOWN.format(knows=knows)
-        form = LOGIN_FORM.format(error=escape(error), unknown=unknown, known=addresses)
-        return HTMLResponse(HEAD.format(title="log in") + form, *more)
+        form = LOGIN_FORM.format(
+            robot=escape(self._identity.name), error=escape(error), unknown=unknown, known=addresses
+        )
+        return HTMLResponse(self._head("log in") + form, *more)
 
     async def _log_in(self, visit: HTTPConnection, receive: Receive, _session: str | None) -> Response:
         if visit.scope["method"] == "POST":

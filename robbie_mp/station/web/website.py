@@ -22,6 +22,7 @@ from robbie_mp.station.page.alarms import AlarmBar
 from robbie_mp.station.page.build import BrowserLink, PageParts, build_page
 from robbie_mp.station.page.cockpit import TILE_PATH
 from robbie_mp.station.page.control_bar import ControlBar
+from robbie_mp.station.page.identity import identity_of
 from robbie_mp.station.page.layouts import LayoutCollection, check_layout, default_layouts
 from robbie_mp.station.page.moment_marker import MomentMarker
 from robbie_mp.station.page.page import Page
@@ -125,6 +126,7 @@ class Website:
 
     def __init__(self, module: StationModule, access: Access, listener: socket.socket):
         self._module, self._access = module, access
+        self._identity = identity_of(module)
         self._context = station = context_of(module)
         grid = station.messages.newest(OccupancyGrid, station.settings.map_topic)
         self._map = LiveMap(grid, station.live)
@@ -147,7 +149,7 @@ class Website:
         public = public_address(station.settings.public_address)
         behind = self._beside_pages(below(public.path, page_application()))
         behind = with_clip_player(behind, station.run.player, access)
-        self._gate = Gate(behind, access, connections, public)
+        self._gate = Gate(behind, access, connections, public, self._identity)
         outside = with_forwarded(self._gate, station.settings.trusted_proxies)
         self._server = PageServer(outside, listener, connections)
 
@@ -172,6 +174,7 @@ class Website:
                 plays_log=lambda: playback.has_log,
                 first_paint=style,
                 is_ours=is_ours,
+                identity=self._identity,
                 stop_path=past.get("path", "") if past else None,
             )
         return PageParts(
@@ -188,6 +191,7 @@ class Website:
             plays_log=lambda: playback.has_log,
             first_paint=style,
             is_ours=is_ours,
+            identity=self._identity,
         )
 
     def _add_pages(self, parts: PageParts, layouts: LayoutCollection) -> None:
@@ -199,7 +203,7 @@ class Website:
             build_page(self._open_page(), parts, layouts, single=panel)
 
         for path in ("/", f"{TILE_PATH}{{panel}}"):
-            ui.page(path, title="Robbie", response_timeout=10)(build)
+            ui.page(path, title=self._identity.name, response_timeout=10)(build)
 
     def _open_page(self) -> Page:
         client, operators = ui.context.client, self._context.operators
