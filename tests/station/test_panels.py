@@ -328,8 +328,8 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
     assert frame == "map"
     assert [float(word) for word in place] == pytest.approx([2.0, 3.75, np.pi / 4], abs=0.05)
     page.wait_for_selector("#map-text:has-text('goal at 2.0')")
-    refusal_and_cancel_of_a_goal_are_shown(page, told)
     picture = saved_map(page, (0, 0), (46, 125, 50))  # the goal
+    refusal_and_cancel_of_a_goal_are_shown(page, told)
     middle_x, middle_y = picture.width // 2, picture.height // 2
     pixels_per_m = 0.9 * picture.height / 3.5
     wall = (middle_x - round(2.75 * pixels_per_m), middle_y + round(0.75 * pixels_per_m))
