@@ -109,7 +109,7 @@ def _of_profile(names: Callable[["YamlNode"], Iterable[str]]) -> Completer:
         from robbie_mp.run.profile.workspace import locate  # noqa: PLC0415
 
         try:
-            found = names(merge_profile(*locate(parsed_args.profile, Path.cwd())))
+            found = names(merge_profile(*locate(parsed_args.profile, Path.cwd())).tree)
             return [name for name in found if is_visible(name)]
         except (RobbieError, OSError, AttributeError, TypeError):
             return []

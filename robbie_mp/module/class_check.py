@@ -33,6 +33,8 @@ CALLED = {
     "every": (1, "action", ()),
 }
 """Methods of a module that are given a function: at which place, by which keyword, and its arguments."""
+LOOPS = ("loop", "run", "step", "spin", "update", "execute", "work", "main")
+"""What authors call `tick` in other frameworks."""
 CARRYING = ("subscribe", "publish", "loan", "advertise")
 """Methods of a module that are given the name of a topic."""
 OURS = os.path.dirname(os.path.dirname(__file__))
@@ -127,14 +129,31 @@ def _flaws_of_constructor(cls: type) -> Iterator[CodeFlaw]:
         yield CodeFlaw(*place_of(constructor), f"__init__ does not call super().__init__(context); {advice}")
 
 
-def _flaws_of_period(cls: type, own: Sequence[type], may_set: Callable[[str], bool]) -> Iterator[CodeFlaw]:
+def _flaws_of_period(
+    cls: type[Module], own: Sequence[type], may_set: Callable[[str], bool]
+) -> Iterator[CodeFlaw]:
     """Find a time between ticks that is none, unless the module sets another one."""
     for one in own:
         if "period_s" in vars(one) and not may_set("period_s"):
             period_s = vars(one)["period_s"]
             if isinstance(period_s, str | Real) and not is_span(period_s):
                 yield CodeFlaw(*_place_in(one, "period_s"), period_flaw(cls, period_s))
+            elif period_s is not None and cls.tick is Module.tick and not _uses_period(cls, own, may_set):
+                yield CodeFlaw(*_place_in(one, "period_s"), _no_tick(cls, own))
             return
+
+
+def _uses_period(cls: type, own: Sequence[type], may_set: Callable[[str], bool]) -> bool:
+    """Whether code of the author's reads `period_s`, has a timer, or sets `tick` while it runs."""
+    names = {node.attr for one in own for node in ast.walk(_tree(one)) if isinstance(node, ast.Attribute)}
+    return may_set("tick") or not names.isdisjoint(("period_s", "every"))
+
+
+def _no_tick(cls: type, own: Sequence[type]) -> str:
+    methods = [name for one in own for name, value in vars(one).items() if isinstance(value, FunctionType)]
+    near = [name for name in methods if name not in HOOKS and (name in LOOPS or "tick" in name.lower())]
+    remedy = f"rename {near[0]}() to tick()" if near else "write `def tick(self)`, or leave out period_s"
+    return f"{cls.__name__} has a period_s, but no tick() that it could call; {remedy}"
 
 
 def _place_in(cls: type, name: str) -> tuple[str, int]:

@@ -1,5 +1,6 @@
 """Runs a module in its own process."""
 
+import threading
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
@@ -8,6 +9,7 @@ from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.history import Event, OwnHistory, record_nothing
 from robbie_mp.bus.transport.layout import Activity
 from robbie_mp.bus.transport.records import Outbound
+from robbie_mp.messages import SettingChange
 from robbie_mp.module.inbox import Inbox
 from robbie_mp.module.loop import ModuleLoop
 from robbie_mp.module.membership import Membership
@@ -87,8 +89,26 @@ class ModuleRunner(ModuleLoop):
     def set_up(self) -> None:
         """Run `setup()`, and show it."""
         self._set_up_ns = self._inbox.show(Activity.SETUP)
+        threads = threading.active_count()
         super().set_up()
+        if not self.ends and threading.active_count() <= threads and self._is_idle():
+            self._module.log.warning(
+                "%s does nothing: it has no subscription, service, timer, thread or tick()",
+                type(self._module).__name__,
+            )
         self._inbox.show_idle()
+
+    def _is_idle(self) -> bool:
+        """Whether nothing will ever call the module, and it has not published anything either."""
+        cls, module = type(self._module), self._module
+        is_called = any(one.name.type_name != SettingChange.type_name for one in self._inbox.subscriptions)
+        return not (
+            is_called
+            or module.period_s is not None
+            or len(self._calls.timers)
+            or cls.setting_changed is not Module.setting_changed
+            or self._place.words[layout.OUT_PUBLISHED]
+        )
 
     def run(self) -> None:
         """Run the module, which has been set up, until it is stopped or stops itself."""

@@ -9,13 +9,13 @@ Never give a setting of type `Secret` in clear text; see `robbie_mp.module.secre
 """
 
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Any, Final, TypeVar, get_type_hints, overload
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.base.suggest import did_you_mean
+from robbie_mp.base.suggest import did_you_mean, space_missing
 from robbie_mp.module.value_check import (
     ValueLimits,
     ValueMismatch,
@@ -198,13 +198,17 @@ def examine_settings(
     *,
     folder: Path | None = None,
     folder_of: Mapping[str, Path] | None = None,
+    removed: Sequence[str] = (),
 ) -> tuple[dict[str, object], list[SettingError]]:
-    """Return the values that are right, as `check_settings` does, and an error for each that is wrong."""
+    """Return the values that are right, as `check_settings` does, and an error for each that is wrong.
+
+    There must be a setting for each name in `removed`, too.
+    """
     settings = settings_of(cls)
     checked: dict[str, object] = {}
     errors = [
         SettingError(f"{cls.__name__} has no setting {name!r}{_known(name, settings)}", name)
-        for name in values
+        for name in (*values, *removed)
         if name not in settings
     ]
     for name, declared in settings.items():
@@ -220,7 +224,7 @@ def examine_settings(
 
 
 def _known(name: str, settings: Mapping[str, Setting]) -> str:
-    return did_you_mean(name, settings) or f"; it has {', '.join(settings) or 'none'}"
+    return space_missing(name) or did_you_mean(name, settings) or f"; it has {', '.join(settings) or 'none'}"
 
 
 def check_settings(

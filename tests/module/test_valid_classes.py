@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from robbie_mp import Module, ModuleHarness
+from robbie_mp import Module, ModuleHarness, setting
 from robbie_mp.messages import LaserScan
 
 
@@ -60,6 +60,20 @@ class SetByName(Module):
         self.subscribe(LaserScan, self.handler)  # type: ignore[attr-defined]
 
     def tick(self) -> None: ...
+
+
+class PeriodOfTimer(Module):
+    period_s: float = setting(0.1, "time between looks")
+
+    def setup(self) -> None:
+        self.every(self.period_s, print)
+
+
+class TickSetInSetup(Module):
+    period_s = 0.1
+
+    def setup(self) -> None:
+        self.tick = functools.partial(print, "tick")  # type: ignore[method-assign]
 
 
 class AnyName(Module):
@@ -133,7 +147,8 @@ def made_here(*, other: bool) -> type[Module]:
 @pytest.mark.parametrize(
     "module",
     [
-        InnerClass, InnerSelf, SetWithAType, SetTogether, Placeholder, SetByName, AnyName, Partial, Property,
+        InnerClass, InnerSelf, SetWithAType, SetTogether, Placeholder, SetByName, PeriodOfTimer,
+        TickSetInSetup, AnyName, Partial, Property,
         DecoratedConstructor, made_here(other=True), made_here(other=False),
     ],
 )  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from robbie_mp import Module, ModuleHarness
+from robbie_mp import Module, ModuleHarness, setting
 from robbie_mp.messages import DriveCommand, LaserScan, NotAMessage
 from robbie_mp.messages.errors import DeclarationError
 from robbie_mp.module.class_check import InvalidClass
@@ -157,6 +157,24 @@ class Deaf(Module):
         """Gets a message."""
 
 
+class TicksUnderAnotherName(Module):
+    """Has a period, and names its tick as other frameworks do."""
+
+    period_s = 0.1
+
+    def on_tick(self) -> None:
+        """Never runs."""
+
+
+class ForgotTick(Module):
+    """Has a period as a setting, and handles messages only."""
+
+    period_s: float = setting(0.1, "time between ticks")
+
+    def setup(self) -> None:
+        self.subscribe(LaserScan, print)
+
+
 class NoModule:
     """Is derived from nothing."""
 
@@ -167,6 +185,8 @@ MISTAKEN: dict[Any, str] = {
     AsyncHandler: "subscribe: on_scan is an `async def`, which would never run",
     OwnConstructor: "__init__ is called with the module's context; put what it does into `def setup",
     Deaf: r"on_scan is called with one argument; write `def on_scan\(self, message: LaserScan\)`",
+    TicksUnderAnotherName: r"has a period_s, but no tick\(\) .*; rename on_tick\(\) to tick",
+    ForgotTick: r"has a period_s, but no tick\(\) .*; write `def tick\(self\)`, or leave out period_s",
     NoModule: r"NoModule'> is no class of modules; write `class NAME\(robbie_mp.Module\)`",
 }
 """By class: what a harness says of it, which `robbie run` says, too."""

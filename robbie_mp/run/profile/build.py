@@ -1,13 +1,13 @@
 """Builds the profile from its merged tree, and reports everything that is wrong with it."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from robbie_mp.base.problem import Problem, ProfileError, SourcePlace
-from robbie_mp.base.suggest import did_you_mean
+from robbie_mp.base.suggest import did_you_mean, space_missing
 from robbie_mp.base.yaml_reader import YamlNode
 from robbie_mp.bus.transport.layout import NAME_BYTES
 from robbie_mp.module.value_check import NO_LIMITS, ValueMismatch, check_value
@@ -53,19 +53,27 @@ RESERVED_NAMES = ("core", "supervisor")
 NAMESPACE = re.compile(r"[A-Za-z0-9_-]+(/[A-Za-z0-9_-]+)*")
 
 
-def build_profile(name: str, tree: YamlNode, *, workspace: Path, current_folder: Path) -> Profile:
+def build_profile(
+    name: str,
+    tree: YamlNode,
+    removals: Mapping[tuple[str, ...], SourcePlace],
+    *,
+    workspace: Path,
+    current_folder: Path,
+) -> Profile:
     """Return the profile that a merged tree describes.
 
     Args:
         name: The profile's name.
-        tree: What `merge_profile` returned.
+        tree: What `merge_profile` returned, without variables and conditions.
+        removals: What `merge_profile` returned.
         workspace: Relative paths in files start from this folder.
         current_folder: Relative paths on the command line start from this folder.
 
     Raises:
         ProfileError: The tree is not a valid profile; it lists every problem.
     """
-    builder = _Builder(current_folder)
+    builder = _Builder(current_folder, removals)
     profile = builder.profile(name, tree, workspace)
     if builder.problems:
         raise ProfileError(builder.problems)
@@ -75,8 +83,14 @@ def build_profile(name: str, tree: YamlNode, *, workspace: Path, current_folder:
 class _Builder:
     """Collects problems while it builds; it replaces wrong values by defaults to find the next problem."""
 
-    def __init__(self, current_folder: Path) -> None:
+    def __init__(self, current_folder: Path, removals: Mapping[tuple[str, ...], SourcePlace]) -> None:
         self.current_folder = current_folder
+        box = ("modules", BLACK_BOX, "settings")
+        self.removals = {
+            (*box, *path[1:]) if path[0] == BLACK_BOX else path: place
+            for path, place in removals.items()
+            if path[2:] != ("if",)
+        }
         self.problems: list[Problem] = []
         self.depends_on: dict[str, tuple[str, ...]] = {}
         self.default_namespace = ""
@@ -85,6 +99,7 @@ class _Builder:
         content = self.map_of(tree, "profile")
         self.refuse_unknown(content, PROFILE_KEYS, "")
         modules = self.map_of(content.get("modules"), "modules")
+        self.refuse_removals(content, modules)
         self.depends_on, problems = read_dependencies(modules)
         self.problems += problems
         self.default_namespace = self.namespace(content)
@@ -102,7 +117,8 @@ class _Builder:
                 name: node.value for name, node in self.map_of(content.get("variables"), "variables").items()
             },
             workspace=workspace,
-            origins=self.inherited_origins(content, modules) | _origins(tree),
+            origins=self.removals | self.inherited_origins(content, modules) | _origins(tree),
+            removals=self.removals,
         )
 
     def core(self, content: dict[str, YamlNode]) -> CoreLimits:
@@ -319,10 +335,32 @@ class _Builder:
         return {}
 
     def refuse_unknown(self, content: dict[str, YamlNode], known: Sequence[str], prefix: str) -> None:
-        for key, node in content.items():
+        places = {key: node.place for key, node in content.items()}
+        for path, place in self.removals.items():
+            if prefix == "".join(f"{one}." for one in path[:-1]):
+                places[path[-1]] = place
+        for key, place in places.items():
             if key not in known:
-                near = did_you_mean(key, known) or f"; expected one of {', '.join(known)}"
-                self.report(node.place, f"{prefix}{key}: unknown key{near}")
+                near = space_missing(key) or did_you_mean(key, known)
+                self.report(
+                    place, f"{prefix}{key}: unknown key" + (near or f"; expected one of {', '.join(known)}")
+                )
+
+    def refuse_removals(self, content: dict[str, YamlNode], modules: dict[str, YamlNode]) -> None:
+        """Report each module, variable and topic that a null removes although no profile has it."""
+        for path, place in self.removals.items():
+            known: Collection[str] = ()
+            match path:
+                case ("modules", _):
+                    kind, known = "module", modules
+                case ("variables", _):
+                    kind, known = "variable", self.map_of(content.get("variables"), "variables")
+                case ("modules", _, "topics", _):
+                    kind = "topic"
+                case _:
+                    continue
+            near = space_missing(path[-1]) or did_you_mean(path[-1], known)
+            self.report(place, f"{'.'.join(path)}: there is no {kind} {path[-1]!r} to remove{near}")
 
     def report(self, place: SourcePlace, text: str) -> None:
         self.problems.append(Problem(text, place))

@@ -97,7 +97,13 @@ def examine(module: dict[str, Any], base: type, workspace: Path, others: list[st
             errors.append((("class",), text))
         flaws += class_flaws(cls)
         folder_of = {name: Path(folder) for name, folder in module["folder_of"].items()}
-        settings, found = examine_settings(cls, module["settings"], folder=workspace, folder_of=folder_of)
+        settings, found = examine_settings(
+            cls,
+            module["settings"],
+            folder=workspace,
+            folder_of=folder_of,
+            removed=module.get("removed", ()),
+        )
         errors += [(("settings", error.setting), str(error)) for error in found]
         if not errors:
             _hook(cls, "check")(dict(settings))

@@ -46,7 +46,9 @@ def check_events(
         "base_class": base_class,
         "timeout_s": timeout_s,
         "names": [module.name for module in profile.modules],
-        "modules": [question_about(module) for module in modules],
+        "modules": [
+            question_about(module) | {"removed": profile.removed_settings(module.name)} for module in modules
+        ],
     }
     with _checking_process(request) as process:
         assert process.stdout

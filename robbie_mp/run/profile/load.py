@@ -38,6 +38,7 @@ def load_profile(
     """
     here = Path.cwd()
     workspace, name = locate(name_or_file, start or here)
-    resolved = resolve(merge_profile(workspace, name, overrides), variables, without, only)
-    profile = build_profile(name, resolved.tree, workspace=workspace.root, current_folder=here)
+    tree, removals = merge_profile(workspace, name, overrides)
+    resolved = resolve(tree, variables, without, only)
+    profile = build_profile(name, resolved.tree, removals, workspace=workspace.root, current_folder=here)
     return replace(profile, left_out=resolved.left_out)

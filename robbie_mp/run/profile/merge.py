@@ -1,8 +1,9 @@
 """Merges a profile with its parents and with the overrides of the command line."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import reduce
+from typing import NamedTuple
 
 from robbie_mp.base.problem import Problem, ProfileError, SourcePlace, refuse
 from robbie_mp.base.suggest import did_you_mean
@@ -13,21 +14,33 @@ from robbie_mp.run.profile.workspace import Workspace, is_class
 _WORD_BEGINS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
 
-def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()) -> YamlNode:
-    """Return the merged content of a profile as a map; of a class, that of a profile with nothing else.
+class Merged(NamedTuple):
+    """The content of a profile, its parents and its overrides."""
+
+    tree: YamlNode
+    """A map."""
+    removals: dict[tuple[str, ...], SourcePlace]
+    """Where a null removes a key that none of them sets."""
+
+
+def merge_profile(workspace: Workspace, name: str, overrides: Sequence[str] = ()) -> Merged:
+    """Merge a profile with its parents and overrides; a class is a profile with nothing else.
 
     Parents come first, in their order, each before its children and each only once. If two parents share a
     parent, the changes that either makes to it are kept. Maps merge, null removes, everything else replaces.
 
     Raises:
-        ProfileError: a file is missing or is not YAML, or a profile is its own ancestor.
+        ProfileError: a file is missing or is not YAML, a profile is its own ancestor, or an override has
+            another form than `MODULE.SETTING=value`, or names no module of the profile, nor its black box.
     """
-    if is_class(name):
-        return override(_profile_of_class(name), overrides)
     lineage: dict[str, YamlNode] = {}
-    _collect(workspace, name, (), None, lineage)
-    empty = YamlNode({}, lineage[name].place)
-    return override(reduce(merge, lineage.values(), empty), overrides)
+    if is_class(name):
+        lineage[name] = _profile_of_class(name)
+    else:
+        _collect(workspace, name, (), None, lineage)
+    profile = reduce(merge, lineage.values(), YamlNode({}, lineage[name].place))
+    over = [_read_override(text, profile) for text in overrides]
+    return Merged(reduce(merge, over, profile), _removals([*lineage.values(), *over]))
 
 
 def merge(base: YamlNode | None, over: YamlNode) -> YamlNode:
@@ -41,6 +54,18 @@ def merge(base: YamlNode | None, over: YamlNode) -> YamlNode:
         else:
             merged[key] = merge(merged.get(key), child)
     return YamlNode(merged, over.place)
+
+
+def _removals(trees: Sequence[YamlNode]) -> dict[tuple[str, ...], SourcePlace]:
+    nodes = [found for tree in trees for found in _keys(tree)]
+    given = {path for path, node in nodes if node.value is not None}
+    return {path: node.place for path, node in nodes if path not in given}
+
+
+def _keys(tree: YamlNode, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], YamlNode]]:
+    for key, child in tree.value.items() if isinstance(tree.value, dict) else ():
+        yield (*path, key), child
+        yield from _keys(child, (*path, key))
 
 
 def _collect(
@@ -84,15 +109,6 @@ def _profile_of_class(class_path: str) -> YamlNode:
     module = YamlNode({"class": YamlNode(class_path, place)}, place)
     modules = YamlNode({name: module}, place)
     return YamlNode({"modules": modules, BLACK_BOX: YamlNode(False, place)}, place)
-
-
-def override(profile: YamlNode, overrides: Sequence[str]) -> YamlNode:
-    """Return the profile overridden by each `MODULE.SETTING=value`.
-
-    Raises:
-        ProfileError: an override has another form, or names no module of the profile, nor its black box.
-    """
-    return reduce(merge, [_read_override(text, profile) for text in overrides], profile)
 
 
 def _read_override(text: str, profile: YamlNode) -> YamlNode:

@@ -280,12 +280,18 @@ class Profile:
     """The folder that contains profiles/; imports and relative paths start from it."""
     origins: Mapping[tuple[str, ...], SourcePlace] = field(default_factory=dict)
     """Place of each written key, such as ("modules", "mapping", "settings", "rate_hz"); none for defaults."""
+    removals: Mapping[tuple[str, ...], SourcePlace] = field(default_factory=dict)
+    """Place of each key that a null removes although no profile sets it."""
 
     def with_black_box(self) -> "Profile":
         """Return the profile of the robot with its black box, which starts first and so stops last."""
         if self.black_box is None or not self.modules:
             return self
         return replace(self, modules=(self.black_box, *self.modules), black_box=None)
+
+    def removed_settings(self, module: str) -> list[str]:
+        """Return the settings of a module that a null removes although no profile sets them."""
+        return [path[-1] for path in self.removals if path[:-1] == ("modules", module, "settings")]
 
     def place_of(self, *path: str) -> SourcePlace | None:
         """Return where a key was written, or else where the nearest enclosing key was."""

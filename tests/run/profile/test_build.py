@@ -133,6 +133,31 @@ CASES = [
     ),
     ("core:\n  handels: 5", 2, "core.handels: unknown key; did you mean 'handles' or 'channels'?"),
     ("core:\n  credits: 0", 2, "core.credits: expected int, at least 1 and at most 16777216; got 0 (int)"),
+    ("settigns:", 1, "settigns: unknown key; expected one of "),
+    ("modlues: null", 1, "modlues: unknown key; did you mean 'modules'?"),
+    (in_module("settigns:"), 4, "modules.a.settigns: unknown key; did you mean 'settings'?"),
+    (
+        in_module("restart: {max_restarts:3}"),
+        4,
+        "modules.a.restart.max_restarts:3: unknown key; write a space after the colon: `max_restarts: 3`",
+    ),
+    (
+        in_module("queue: {messages=3}"),
+        4,
+        "modules.a.queue.messages=3: unknown key; write a colon and a space: `messages: 3`",
+    ),
+    ("core: {credits:5}", 1, "core.credits:5: unknown key; write a space after the colon: `credits: 5`"),
+    (
+        "modules:\n  filter: {class: 'm:A'}\n  fliter: null",
+        3,
+        "modules.fliter: there is no module 'fliter' to remove; did you mean 'filter'?",
+    ),
+    (
+        "variables: {rate:5}",
+        1,
+        "variables.rate:5: there is no variable 'rate:5' to remove; write a space after the colon: `rate: 5`",
+    ),
+    (in_module("topics: {scan:}"), 4, "modules.a.topics.scan: there is no topic 'scan' to remove"),
     ("core:\n  ring_records: 1000", 2, "core.ring_records: expected int, one of 16, 32, 64, 128, 256, 512, "),
 ]
 

@@ -103,7 +103,7 @@ def test_example_is_a_profile(robot: Robot) -> None:
     example = TEXT.split("```yaml\n")[1].split("```")[0]
     robot.write("sim/arena", example)
     for parent in yaml.safe_load(example)["parents"]:
-        robot.write(parent, "")
+        robot.write(parent, "modules: {camera: {class: 'm:Camera'}}")  # which the example removes
     profile = robot.load("sim/arena")
     assert [module.name for module in profile.modules] == ["mapping"]
     assert profile.core.handles == 32768

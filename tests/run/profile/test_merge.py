@@ -59,7 +59,7 @@ def test_null_removes_a_module_a_setting_or_a_key(robot: Robot) -> None:
         "demo",
         """
         parents: [base]
-        modules: {a: {settings: {x: null}, essential: ~}, b: null, never_there: null}
+        modules: {a: {settings: {x: null}, essential: ~}, b: null}
         variables: null
         """,
     )

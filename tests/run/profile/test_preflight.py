@@ -103,6 +103,7 @@ def test_class_that_is_not_a_module_is_an_error_of_the_profile(
         ("resolution_m=a", "Mapping.resolution_m: expected float, at least 0; got 'a' (str)"),
         ("resolution=1", "Mapping has no setting 'resolution'; did you mean 'resolution_m'?"),
         ("resolution_m=13", "13 brings bad luck"),
+        ("resolution=null", "Mapping has no setting 'resolution'; did you mean 'resolution_m'?"),
     ],
 )
 def test_wrong_setting_is_reported_where_it_was_set(mapper: Robot, override: str, problem: str) -> None:
@@ -135,6 +136,26 @@ def test_settings_of_files_are_reported_with_their_lines(mapper: Robot) -> None:
         "profiles/demo.yaml:9",
         "profiles/demo.yaml:12",
     ]
+
+
+@pytest.mark.parametrize(
+    ("settings", "remedy"),
+    [
+        ("{resolution_m:0.5}", "'resolution_m:0.5'; write a space after the colon: `resolution_m: 0.5`"),
+        ("{resolution_m=0.5}", "'resolution_m=0.5'; write a colon and a space: `resolution_m: 0.5`"),
+        ("{oops: }", "'oops'; it has "),
+    ],
+)
+def test_unknown_setting_with_an_empty_value_is_reported(mapper: Robot, settings: str, remedy: str) -> None:
+    mapper.write("demo", f"modules:\n  a:\n    class: mods.mapping:Mapping\n    settings: {settings}\n")
+    [problem] = mapper.preflight_problems()
+    assert problem.startswith(f"profiles/demo.yaml:4: modules.a.settings: Mapping has no setting {remedy}")
+
+
+def test_unknown_setting_of_the_black_box_with_an_empty_value_is_reported(robot: Robot) -> None:
+    robot.write("demo", f"modules: {{a: {PLAIN}}}\nblack_box: {{spool_s:1}}")
+    with pytest.raises(ProfileError, match=r"demo\.yaml:2: modules\.black_box\.settings: .*write a space"):
+        preflight(robot.load().with_black_box())
 
 
 def test_error_without_a_setting_is_reported_at_the_settings(mapper: Robot) -> None:
