@@ -75,7 +75,7 @@ class SupervisedChild:
         is_debugged: whether it stands at a breakpoint. So it is neither hung nor late, as if a debugger such
             as gdb holds it.
         unfinished: why it did not end in order when the run stopped, so that what it writes at its end, such
-            as a map, is missing; '' if it did, or if it never ran.
+            as a map, is missing; '' if it did, or if it ended before it had run.
     """
 
     def __init__(
@@ -272,7 +272,6 @@ class SupervisedChild:
 
     def stop_now(self, reason: str) -> None:
         """Kill its process and all it forked, because the run ends."""
-        self._owes_results = False  # nobody expects results from now on
         self._then = Then.STOPPED
         self.kill(reason)
 
@@ -456,7 +455,10 @@ class SupervisedChild:
             self._move(ChildState.BACKOFF, reason, status, 0.0)
             return
         if self._then is not None:
-            if not self._may_restart and self._owes_results and not self._is_orderly(status):
+            is_owed = (
+                self._owes_results or self._kill_reason
+            )  # one that is killed in its setup() did not end in order
+            if not self._may_restart and is_owed and not self._is_orderly(status):
                 self.unfinished = reason
             self._move(ChildState.STOPPED, reason, status)
             return

@@ -269,7 +269,7 @@ def test_nothing_is_restarted_while_the_run_stops(tmp_path: Path) -> None:
         assert command.refused == "the run is stopping: enough"
         run.tree.kill_all("enough")
 
-    assert run.play(scenario()) == 0
+    assert run.play(scenario()) == 1
 
 
 def test_waiting_client_is_told_that_the_run_has_ended(tmp_path: Path) -> None:

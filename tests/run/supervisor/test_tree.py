@@ -222,6 +222,14 @@ def test_child_that_ignores_sigterm_is_killed_after_its_grace(tmp_path: Path) ->
     assert run.last("works").reason == "exit code 0"
 
 
+def test_child_that_must_be_killed_before_it_is_ready_did_not_end_in_order(tmp_path: Path) -> None:
+    run = Run(tmp_path, animal(zoo.works), animal(zoo.starts_for_ever, "blocks", stop_grace_s=0.05))
+    is_deaf = (tmp_path / "ready" / "blocks.1.deaf").exists
+    assert run.play(stop_when(run, lambda: run.is_running("works") and is_deaf())) == 1
+    assert run.last("blocks").reason == "did not stop within 0.05 s: killed by SIGKILL"
+    assert run.tree.stop_reason.endswith("; blocks did not end in order")
+
+
 def test_second_signal_kills_at_once(tmp_path: Path) -> None:
     slow = [animal(zoo.ignores_sigterm, name, stop_grace_s=60.0) for name in ("a", "b")]
     run = Run(tmp_path, core(), *slow)
@@ -235,8 +243,9 @@ def test_second_signal_kills_at_once(tmp_path: Path) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
     begin_s = time.monotonic()
-    assert run.play(scenario()) == 0
+    assert run.play(scenario()) == 1
     assert time.monotonic() - begin_s < 5.0
+    assert [line.split(" ")[0] for line in unfinished(run)] == ["core", "a", "b"]
     assert run.last("core").new is STOPPED
     assert run.last("a").reason == "second signal, SIGINT: killed by SIGKILL"
 

@@ -116,7 +116,7 @@ def test_process_that_ends_long_after_sigkill_is_restarted(
         yield lambda: run.states("stuck").count(RUNNING) == 2
         run.tree.kill_all("seen enough")
 
-    assert run.play(scenario()) == 0
+    assert run.play(scenario()) == 1
     after = [change.new for change in run.incarnations.changes if change.incarnation == 1]
     assert after[-2:] == [FAILED, BACKOFF]
     back = next(change for change in run.incarnations.changes if change.new is BACKOFF)
