@@ -133,9 +133,9 @@ CASES = [
     ),
     ("core:\n  handels: 5", 2, "core.handels: unknown key; did you mean 'handles' or 'channels'?"),
     ("core:\n  credits: 0", 2, "core.credits: expected int, at least 1 and at most 16777216; got 0 (int)"),
-    ("settigns:", 1, "settigns: unknown key; expected one of "),
+    ("settingz:", 1, "settingz: unknown key; expected one of "),
     ("modlues: null", 1, "modlues: unknown key; did you mean 'modules'?"),
-    (in_module("settigns:"), 4, "modules.a.settigns: unknown key; did you mean 'settings'?"),
+    (in_module("settingz:"), 4, "modules.a.settingz: unknown key; did you mean 'settings'?"),
     (
         in_module("restart: {max_restarts:3}"),
         4,
@@ -148,9 +148,9 @@ CASES = [
     ),
     ("core: {credits:5}", 1, "core.credits:5: unknown key; write a space after the colon: `credits: 5`"),
     (
-        "modules:\n  filter: {class: 'm:A'}\n  fliter: null",
+        "modules:\n  filter: {class: 'm:A'}\n  filtre: null",
         3,
-        "modules.fliter: there is no module 'fliter' to remove; did you mean 'filter'?",
+        "modules.filtre: there is no module 'filtre' to remove; did you mean 'filter'?",
     ),
     (
         "variables: {rate:5}",
