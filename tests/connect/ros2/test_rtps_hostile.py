@@ -212,3 +212,26 @@ def test_what_a_node_without_a_name_sends_is_refused_after_a_while(monkeypatch: 
     monkeypatch.setattr(time, "monotonic", lambda: begun_s + 3.0)
     admission.look_after()
     assert (admission.refused, delivered) == (1, [])
+
+
+def test_endpoint_that_is_not_reliable_or_has_another_type_is_counted_once() -> None:
+    unfit: list[tuple[bytes, bool]] = []
+    with closing(Participant(90 + os.getpid() % 60, "lo", lambda _: True)) as participant:
+        participant.on_unfit = lambda other, has_type: unfit.append((other.guid[-4:], has_type))
+        participant.add_reader("rt/go/_action/feedback", "Go", b"", lambda _: None, MAX_BYTES)
+        prefix = b"\x01\x0fnot reliab"
+        _announce(participant, prefix)
+        for entity, kind, reliability in (
+            (b"\0\0\1\3", "Go", b"\1"),
+            (b"\0\0\2\3", "Stop", b"\2"),
+            (b"\0\0\3\3", "Go", b"\2"),
+        ):
+            told = [
+                (0x5A, prefix + entity),
+                (0x05, wire.text("rt/go/_action/feedback")),
+                (0x07, wire.text(kind)),
+                (0x1A, reliability + bytes(3)),
+            ]
+            for _ in range(2):
+                _told(participant, prefix, PUBLICATIONS[0], told)
+    assert unfit == [(b"\0\0\1\3", True), (b"\0\0\2\3", False)]
