@@ -237,3 +237,22 @@ def test_shift_and_an_arrow_do_not_take_the_guard_away(cruising: Robot, started:
         is_controlled(page, "HOLD", "nobody drives")
         page.keyboard.press("g")
         is_controlled(page, "AUTO", "modules drive")
+
+
+def test_ring_bumper_and_rear_picture_show_what_is_round_the_robot(cruising: Robot, started: Browser) -> None:
+    with page_of(started, address_of(cruising)) as page:
+        page.wait_for_selector("#take-over:disabled")  # when the page of the test before has been given up
+        page.wait_for_selector(
+            "#hud-ring [data-at='left'].is-close[data-m='0.8']"
+        )  # half the width is not free
+        page.wait_for_selector("#hud-ring [data-at='behind'][data-m='5.8']")
+        assert page.locator("#hud-ring path").count() == 8
+        page.wait_for_selector("#hud-bumper:has-text('front left')")
+        page.wait_for_selector(".hud-name:text-is('camera')")
+        page.keyboard.down("KeyS")
+        page.wait_for_selector(".hud-name:text-is('rear_camera')")
+        page.keyboard.up("KeyS")
+        page.wait_for_selector(".hud-name:text-is('camera')")
+        is_controlled(page, "HOLD", "nobody drives")
+        page.keyboard.press("g")
+        is_controlled(page, "AUTO", "modules drive")

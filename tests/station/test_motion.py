@@ -19,7 +19,7 @@ from robbie_mp.messages import (
     Quaternion,
 )
 from robbie_mp.scene import RigidTransform, SceneGraphListener, UnknownNode
-from robbie_mp.station.driving.motion import WITHOUT_GUARD, Movement, RobotMotion, free_way_m, tilt
+from robbie_mp.station.driving.motion import WITHOUT_GUARD, Movement, RobotMotion, free_way_m, ring_of, tilt
 from robbie_mp.station.page.state_item import clock_text
 from robbie_mp.station.page.state_strip import time_left_s
 from robbie_mp.station.watch.latest import Latest, MessageSource
@@ -60,6 +60,13 @@ def test_free_way_ahead_is_counted_from_the_front_and_as_wide_as_the_robot() -> 
     assert free_way_m(points[1:], length_m=0.4, width_m=0.3, range_max_m=8.0) == pytest.approx(7.8)
 
 
+def test_ring_counts_from_the_robots_edge_and_says_nothing_where_no_laser_looks() -> None:
+    points = np.array([[1.0, 0.0, 0.1], [0.0, 0.65, 0.1], [0.7, 0.0, 0.1]])
+    looks_rad = np.array([0.0, 0.05, np.pi / 2, -np.pi / 2])
+    ring = ring_of(points, looks_rad, length_m=0.4, width_m=0.3, range_max_m=8.0)
+    assert ring == pytest.approx((0.5, None, 0.5, None, None, None, 8.0, None))
+
+
 def test_tilt_is_told_apart_from_heading() -> None:
     assert tilt(Quaternion.from_yaw(1.0)) == pytest.approx((0.0, 0.0))
     assert tilt(Quaternion(x=np.sin(0.1), w=np.cos(0.1))) == pytest.approx((0.0, 0.2))
@@ -92,7 +99,7 @@ def test_robot_that_stands_though_commanded_is_reported_with_the_reason(time_s: 
     assert watch.now.commanded_linear == 0.3
     time_s[0] += 1.0
     watch.tick()
-    assert watch.now == Movement(linear_m_per_s=0.0, angular_rad_per_s=0.0, heading_rad=0.0)
+    assert watch.now == Movement(linear_m_per_s=0.0, angular_rad_per_s=0.0, heading_rad=0.0, is_manual=True)
     assert (LaserScan, "") in stage.known
     assert watch.now.ahead_m is None
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.messages import (
+    Bumper,
     ControlState,
     DriveCommand,
     EmergencyStop,
@@ -39,6 +40,11 @@ STANDS_AFTER_S = 1.0
 MOVES_M_PER_S, MOVES_RAD_PER_S = 0.02, 0.05
 NEAR_M = 0.15
 WITHOUT_GUARD = "WITHOUT GUARD: nothing keeps the robot from driving into something"
+DIRECTIONS = ("ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right")
+"""Of the ring: each is the middle of an eighth of the circle."""
+SECTOR_RAD = 2 * math.pi / len(DIRECTIONS)
+MAX_PARTS = 8
+"""Maximum number of pressed parts of the bumper that are shown."""
 MAX_LASERS = 8
 """Scans of further ones are not looked at."""
 
@@ -57,10 +63,24 @@ class Movement:
     roll_rad: float | None = None
     ahead_m: float | None = None
     """Free way ahead, from the robot's front to the nearest hit of any laser."""
+    ring_m: tuple[float | None, ...] = ()
+    """Free distances from the robot's edge in `DIRECTIONS`; None where no laser looks; empty without any."""
+    pressed: tuple[str, ...] = ()
+    """Parts of the bumper that touch something."""
+    is_manual: bool = False
+    """Whether an operator drives."""
     silent: str = ""
     """For how long the odometry has been silent; '' while it is not."""
     hint: str = ""
     """Why the robot does not move although it is commanded, or that it drives without guard; '' otherwise."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What the lasers see round the robot."""
+
+    ahead_m: float | None = None
+    ring_m: tuple[float | None, ...] = ()
 
 
 class RobotMotion:
@@ -100,7 +120,8 @@ class RobotMotion:
         self._command: tuple[float, DriveCommand] | None = None
         self._stands_since_s: float | None = None
         self._next_s = 0.0
-        self._ahead: tuple[list[LaserScan], float | None] = ([], None)
+        self._bumper = messages.newest(Bumper)
+        self._around: tuple[list[LaserScan], Surroundings] = ([], Surroundings())
         self.now = Movement()
 
     def scan(self, scan: LaserScan) -> None:
@@ -128,6 +149,7 @@ class RobotMotion:
         command = given[1] if given and now_s - given[0] < FRESH_S else None
         linear = command.linear_m_per_s if command else None
         angular = command.angular_rad_per_s if command else None
+        around, bumper, control = self._look_around(now_s), self._bumper.message, self._control.message
         pitch, roll = tilt(self._imu.message.orientation) if self._imu.message else (None, None)
         found = Movement(
             linear_m_per_s=twist.linear.x if twist else None,
@@ -137,7 +159,10 @@ class RobotMotion:
             heading_rad=self._heading(),
             pitch_rad=pitch,
             roll_rad=roll,
-            ahead_m=self._ahead_m(now_s),
+            ahead_m=around.ahead_m,
+            ring_m=around.ring_m,
+            pressed=tuple(bumper.pressed[:MAX_PARTS]) if bumper is not None else (),
+            is_manual=control is not None and control.mode == ControlState.MANUAL,
             silent=silence(self._odometry.age_s, SILENT_AFTER_S),
             hint=WITHOUT_GUARD if command is not None and command.unguarded else "",
         )
@@ -150,16 +175,17 @@ class RobotMotion:
             odometry = self._odometry.message
             return odometry.pose.pose.orientation.yaw if odometry else None
 
-    def _ahead_m(self, now_s: float) -> float | None:
+    def _look_around(self, now_s: float) -> Surroundings:
         scans = [scan for put_s, scan in list(self._scans.values()) if now_s - put_s <= SILENT_AFTER_S]
-        known = self._ahead[0]
+        known = self._around[0]
         if len(scans) != len(known) or any(a is not b for a, b in zip(scans, known, strict=True)):
-            self._ahead = (scans, self._nearest_m(scans))
-        return self._ahead[1]
+            self._around = (scans, self._seen_by(scans))
+        return self._around[1]
 
-    def _nearest_m(self, scans: list[LaserScan]) -> float | None:
-        """Return the free way ahead in the scans of all lasers whose places are known; None if none is."""
+    def _seen_by(self, scans: list[LaserScan]) -> Surroundings:
+        """Return what is around by the scans of all lasers whose places are known."""
         points: list[NDArray[np.float64]] = []
+        looks: list[NDArray[np.float64]] = []
         farthest_m = 0.0
         for scan in scans:
             try:
@@ -167,11 +193,15 @@ class RobotMotion:
             except SceneGraphError:
                 continue
             points.append(pose.apply(scan_points(scan).places))
+            rays = np.arange(len(scan.ranges), dtype=np.float64)
+            looks.append(pose.yaw + scan.angle_min + scan.angle_increment * rays)
             farthest_m = max(farthest_m, scan.range_max)
         if not points:
-            return None
+            return Surroundings()
         length_m, width_m, _ = self._size_m
-        return free_way_m(np.concatenate(points), length_m, width_m, farthest_m)
+        hits = np.concatenate(points)
+        ring_m = ring_of(hits, np.concatenate(looks), length_m, width_m, farthest_m)
+        return Surroundings(free_way_m(hits, length_m, width_m, farthest_m), ring_m)
 
     def _stands(self, found: Movement, now_s: float) -> bool:
         """Whether the robot has not moved for some time although it is commanded."""
@@ -218,6 +248,39 @@ def free_way_m(points: NDArray[np.float64], length_m: float, width_m: float, ran
     ahead = points[(points[:, 0] > 0) & (np.abs(points[:, 1]) < width_m / 2)]
     farthest_m = range_max_m if not len(ahead) else float(ahead[:, 0].min())
     return max(0.0, farthest_m - length_m / 2)
+
+
+def ring_of(
+    points: NDArray[np.float64],
+    looks_rad: NDArray[np.float64],
+    length_m: float,
+    width_m: float,
+    range_max_m: float,
+) -> tuple[float | None, ...]:
+    """Return the free distances from a robot's edge in `DIRECTIONS`; None where no ray goes.
+
+    Args:
+        points: (N, 3) hits in base_link, m.
+        looks_rad: directions of all rays in base_link.
+        length_m: length of the robot, whose middle is the origin.
+        width_m: width of the robot.
+        range_max_m: the distance if nothing is hit.
+    """
+    beyond = np.abs(points[:, :2]) - np.array([length_m / 2, width_m / 2])
+    distances_m = np.hypot(*np.maximum(beyond, 0.0).T)
+    found: list[float | None] = [None] * len(DIRECTIONS)
+    for sector in set(_sectors(looks_rad).tolist()):
+        found[sector] = range_max_m
+    sectors = _sectors(np.arctan2(points[:, 1], points[:, 0]))
+    for sector, distance_m in zip(sectors.tolist(), distances_m.tolist(), strict=True):
+        known = found[sector]
+        found[sector] = distance_m if known is None else min(known, distance_m)
+    return tuple(found)
+
+
+def _sectors(angles_rad: NDArray[np.float64]) -> NDArray[np.int64]:
+    found: NDArray[np.int64] = np.round(angles_rad / SECTOR_RAD).astype(np.int64) % len(DIRECTIONS)
+    return found
 
 
 def heading_deg(yaw_rad: float) -> int:

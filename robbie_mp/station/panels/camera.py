@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
     from robbie_mp.station.page.page import Page
     from robbie_mp.station.watch.cameras import Cameras
 
+REVERSES_M_PER_S = 0.02
+BEHIND_RAD = 2.1
+"""A camera that is turned at least so far from ahead shows where a robot goes backwards."""
+LOOKS_BACK_S = 1.5
 MAX_SMALL = 3
 """Maximum number of small pictures beside the large one."""
 STYLE = Path(__file__).parent / "camera.css"
@@ -102,6 +107,10 @@ class Stage:
         self._cameras, self._looks = cameras, looks
         self._scale_m_per_s = scale_m_per_s
         self._chosen = ""
+        self._before = ""
+        """The camera that was large before the robot went backwards; '' if it does not."""
+        self._is_by_hand = False
+        self._reverse_s = -math.inf
         self._large: tuple[str, DetectionBoxes] | None = None
         self._small: list[str] = []
         self.root = ui.element("div").classes("camera-stage drives")
@@ -120,24 +129,41 @@ class Stage:
         """Show the next camera large."""
         names = sorted(self._cameras.found)
         if self._chosen in names:
-            self._chosen = names[(names.index(self._chosen) + 1) % len(names)]
+            self.choose(names[(names.index(self._chosen) + 1) % len(names)])
 
     def choose(self, name: str) -> None:
         """Show a camera large."""
-        self._chosen = name
+        self._chosen, self._before, self._is_by_hand = name, "", True
 
     def update(self, movement: Movement, slowed: float = 1.0) -> None:
         """Show the newest pictures and the movement, and how much slower the page drives for old ones."""
         found = self._cameras.found
         names = sorted(found)
-        if self._chosen not in found and names:
-            self._chosen = names[0]
+        if names and not self._before and (self._chosen not in found or not self._is_by_hand):
+            self._chosen = next((name for name in names if not self._is_rear(name)), names[0])
+        self._look_back(movement)
         if self._chosen in found:
             self._show_large(self._chosen)
         self._show_small([name for name in names if name != self._chosen][:MAX_SMALL])
         self._display.show(
             display_of(movement, self._chosen, self._scale_m_per_s, slowed, self._looks.get(self._chosen))
         )
+
+    def _is_rear(self, name: str) -> bool:
+        return name in self._looks and abs(self._looks[name][0]) > BEHIND_RAD
+
+    def _look_back(self, movement: Movement) -> None:
+        """Show the camera that looks back large while an operator drives backwards, and a moment longer."""
+        linear = movement.commanded_linear if movement.is_manual else None
+        if linear is not None and linear < -REVERSES_M_PER_S:
+            self._reverse_s = time.monotonic()
+            rear = [name for name in sorted(self._looks) if self._is_rear(name)]
+            if not self._before and rear and self._chosen not in rear:
+                self._before, self._chosen = self._chosen, rear[0]
+        elif self._before:
+            goes_ahead = linear is not None and linear > REVERSES_M_PER_S
+            if goes_ahead or time.monotonic() - self._reverse_s > LOOKS_BACK_S:
+                self._before, self._chosen = "", self._before
 
     def _show_large(self, name: str) -> None:
         if self._large is None or self._large[0] != name:
@@ -189,6 +215,8 @@ def display_of(
         "heading": None if now.heading_rad is None else heading_deg(now.heading_rad),
         "pitch": degrees(now.pitch_rad),
         "roll": degrees(now.roll_rad),
+        "ring": [rounded(one, 1) for one in now.ring_m],
+        "pressed": [part.replace("_", " ") for part in now.pressed],
         "ahead": rounded(now.ahead_m, 1 if (now.ahead_m or 0.0) > 1.0 else 2),
         "silent": now.silent,
         "hint": now.hint,

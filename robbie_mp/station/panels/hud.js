@@ -14,6 +14,12 @@ export default {
       <path class="robot" d="M-9 12V-7L0 -14L9 -7V12Z" />
       <text y="28">{{ way }}</text>
     </svg>
+    <svg class="hud-ring" id="hud-ring" v-if="now.ring?.length" viewBox="-50 -50 100 100" role="img" :aria-label="'free around: ' + around">
+      <g v-for="(free, at) in now.ring" :key="at"><path v-if="free != null" :class="near(free)" :d="ARC" :transform="'rotate(' + -45 * at + ')'"
+        :data-at="DIRECTIONS[at]" :data-m="free" /><text v-if="free != null && free < SAID_M" :class="near(free)" :x="place(at)[0]" :y="place(at)[1]">{{ free.toFixed(1) }}</text></g>
+      <text class="speed" y="1">{{ now.linear == null ? "" : now.linear.toFixed(2) }}</text><text class="unit" y="11">m/s</text>
+    </svg>
+    <div class="hud-bumper" id="hud-bumper" v-if="now.pressed?.length" role="alert">Touches: {{ now.pressed.join(", ") }}</div>
     <div class="hud-band" v-if="now.linear != null">
       <div class="hud-item"><b :class="{ warn: now.silent }">{{ now.linear.toFixed(2) }}</b> m/s
         <div class="hud-bar" title="commanded (line) and true (bar) speed">
@@ -27,7 +33,11 @@ export default {
       <div class="hud-item warn" v-if="now.silent">odometry silent for {{ now.silent }}</div>
     </div></div>`,
   props: { now: Object },
+  data: () => ({ ARC, DIRECTIONS, SAID_M }),
   computed: {
+    around() {
+      return this.now.ring.map((free, at) => (free == null ? "" : `${DIRECTIONS[at]} ${free} m`)).filter(Boolean).join(", ");
+    },
     is_aside() {
       return Math.abs(this.now.look[0]) > 10;
     },
@@ -37,6 +47,14 @@ export default {
     },
   },
   methods: {
+    near(free) {
+      return free < 0.3 ? "is-near" : free < SAID_M ? "is-close" : "";
+    },
+    // Of the distance in a direction, inside the ring.
+    place(at) {
+      const angle = (Math.PI / 4) * at;
+      return [-29 * Math.sin(angle), -29 * Math.cos(angle) + 3];
+    },
     share(speed) {
       return 50 * Math.max(-1, Math.min(1, speed / (this.now.scale || 1)));
     },
@@ -49,3 +67,9 @@ export default {
     },
   },
 };
+
+const SAID_M = 1.0; // a smaller distance is told as a number, too
+const DIRECTIONS = ["ahead", "ahead left", "left", "behind left", "behind", "behind right", "right", "ahead right"];
+// The eighth of a ring that lies ahead, which is up.
+const [SIN, COS] = [Math.sin(Math.PI / 9), Math.cos(Math.PI / 9)];
+const ARC = `M${-46 * SIN} ${-46 * COS}A46 46 0 0 1 ${46 * SIN} ${-46 * COS}L${38 * SIN} ${-38 * COS}A38 38 0 0 0 ${-38 * SIN} ${-38 * COS}Z`;

@@ -7,10 +7,12 @@ import numpy as np
 from robbie_mp import Header, Module, Time
 from robbie_mp.messages import (
     BoundingBox2D,
+    Bumper,
     Detection2D,
     Detection2DArray,
     Image,
     JointState,
+    LaserScan,
     MapMetaData,
     OccupancyGrid,
     Point2D,
@@ -25,7 +27,7 @@ from robbie_mp.messages import (
 from robbie_mp.scene import RigidTransform
 
 BITS, EDGE_PX = 16, 16
-FRAME = "camera_optical"
+FRAME, REAR = "camera_optical", "rear_optical"
 AHEAD = RigidTransform(0.0, 0.0, 0.0, -0.5, 0.5, -0.5, 0.5)
 SEEN_BEFORE_NS = 300_000_000
 
@@ -51,11 +53,20 @@ class Clockface(Module):
         bits = np.array([255 * (now_ms >> bit & 1) for bit in range(BITS)], np.uint8)
         pixels = np.kron(bits[None], np.ones((2 * EDGE_PX, EDGE_PX), np.uint8))
         height, width = pixels.shape
-        image = Image(
-            header=header, height=height, width=width, encoding="mono8", step=width, data=pixels.ravel()
-        )
-        for topic in ("camera", "rear_camera"):
-            self.publish(image, topic=topic)
+        for topic, frame in (("camera", FRAME), ("rear_camera", REAR)):
+            taken = Header(stamp=header.stamp, frame_id=frame)
+            self.publish(
+                Image(
+                    header=taken,
+                    height=height,
+                    width=width,
+                    encoding="mono8",
+                    step=width,
+                    data=pixels.ravel(),
+                ),
+                topic=topic,
+            )
+        self.publish_surroundings(Header(stamp=header.stamp, frame_id="base_link"))
         before = Header(
             stamp=Time.from_nanoseconds(header.stamp.nanoseconds - SEEN_BEFORE_NS), frame_id=FRAME
         )
@@ -65,13 +76,24 @@ class Clockface(Module):
         )
         self.publish_place(Header(stamp=header.stamp, frame_id="map"))
 
+    def publish_surroundings(self, on_base: Header) -> None:
+        """A wall at the left, 1 m from the robot's middle, and a bumper that touches something."""
+        ranges = np.full(8, 6.0, np.float32)
+        ranges[2] = 1.0
+        scan = LaserScan(
+            header=on_base, angle_increment=np.pi / 4, range_min=0.1, range_max=8.0, ranges=ranges
+        )
+        self.publish(scan, topic="around")
+        self.publish(Bumper(header=on_base, pressed=["front_left"]), topic="bumper")
+
     def publish_place(self, in_map: Header) -> None:
         self.publish(PoseStamped(header=in_map), topic="map_pose")
         info = MapMetaData(resolution=0.5, width=8, height=4)
         self.publish(OccupancyGrid(header=in_map, info=info, data=np.zeros(32, np.int8)))
         turned = RigidTransform.from_rpy((0.0, 0.0, 0.3), (0.0, 0.0, self.pan_rad)) @ AHEAD
         on_base = Header(stamp=in_map.stamp, frame_id="base_link")
-        places = [(in_map, "base_link", RigidTransform()), (on_base, FRAME, turned)]
+        back = RigidTransform.from_rpy((0.0, 0.0, 0.3), (0.0, 0.0, np.pi)) @ AHEAD
+        places = [(in_map, "base_link", RigidTransform()), (on_base, FRAME, turned), (on_base, REAR, back)]
         self.publish(
             TFMessage(
                 transforms=[
