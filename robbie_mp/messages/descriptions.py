@@ -62,12 +62,14 @@ class KnownTypes:
     """The stock types, and a robot's types given by their descriptions.
 
     Args:
-        descriptions: the robot's own types.
+        descriptions: the robot's own types; of one with several versions, the newest goes by the name.
     """
 
     def __init__(self, descriptions: Iterable[TypeDescription] = ()):
         self._stock = stock_registry()
-        self._own = {one.name: one for one in descriptions if one.name not in self._stock}
+        own = [one for one in descriptions if one.name not in self._stock]
+        self._own = {one.name: one for one in sorted(own, key=lambda one: one.version)}
+        self._versions = {(one.name, one.version): one.schema for one in own}
 
     def names(self) -> list[str]:
         """All names, in full, sorted."""
@@ -124,14 +126,32 @@ class KnownTypes:
         found = self.find(name)
         return self._own.get(found) or TypeDescription.of(self._stock.get(found))
 
-    def get(self, name: str) -> type[Message]:
+    def schema(self, name: str, version: int) -> str | None:
+        """Return the ros2msg text of a version of a type; None if it is not known.
+
+        Args:
+            name: in full.
+            version: the version.
+        """
+        if name not in self._stock:
+            return self._versions.get((name, version))
+        stock = self._stock.get(name)
+        return schema_text(stock) if stock.version == version else None
+
+    def get(self, name: str, version: int | None = None) -> type[Message]:
         """Return the class of a type; for a robot's type, a class made from its description.
 
+        Args:
+            name: as for `find`.
+            version: the version of the class; None: the newest.
+
         Raises:
-            UnknownType: as for `find`.
+            UnknownType: as for `find`, or this version is not known.
             SchemaError: the description is not understood.
         """
         found = self.find(name)
+        if version is not None and (newest := self.describe(found).version) != version:
+            raise UnknownType(f"version {version} of {found} is not known here, only version {newest}")
         if own := self._own.get(found):
             return message_type_from_schema(own.name, own.schema, own.version)
         return self._stock.get(found)

@@ -15,11 +15,13 @@ decoded with the old schema, which the log contains; `schema` is for bytes witho
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.errors import VersionError
-from robbie_mp.messages.message import Message
+from robbie_mp.messages.field_types import Field, Items, Nested
+from robbie_mp.messages.message import Message, fields_of
 from robbie_mp.messages.plain import as_dict, from_dict
 from robbie_mp.messages.schema import layout, schema_text
 from robbie_mp.messages.schema_parser import message_type_from_schema
@@ -115,11 +117,39 @@ def _step(message_type: type[Message], number: int, written: int) -> Upgrade:
 
 def _check_same_layout(message_type: type[Message], schema: str | None) -> None:
     """Refuse a schema with another layout than the class of the same version."""
-    if schema is None or schema == schema_text(message_type):
-        return
-    written = message_type_from_schema(message_type.type_name, schema)
-    if layout(written) != layout(message_type):
+    if schema is not None and (difference := layout_difference(message_type, schema)):
         raise VersionError(
             f"{message_type.type_name}: what was written as version {message_type.version} has other fields "
-            "than the class; raise the version when you change a message or one nested in it"
+            f"than the class ({difference}); raise the version when you change a message or one nested in it"
         )
+
+
+def layout_difference(message_type: type[Message], schema: str) -> str:
+    """Return the first field of a class that is not as in a schema; '' if they read each other's bytes.
+
+    Raises:
+        SchemaError: the schema text is invalid.
+    """
+    if schema == schema_text(message_type):
+        return ""
+    return _first_difference(message_type_from_schema(message_type.type_name, schema), message_type)
+
+
+def _first_difference(before: type[Message], now: type[Message]) -> str:
+    for number, (old, new) in enumerate(zip_longest(layout(before), layout(now))):
+        if old == new:
+            continue
+        was, is_now = (fields_of(one)[number : number + 1] for one in (before, now))
+        inner = [_nested_in(field) for field in (*was, *is_now)]
+        if old and new and old[0] == new[0] and None not in inner:
+            deeper = _first_difference(*filter(None, inner))
+            if deeper:
+                return f"{was[0].schema_name}: {deeper}"
+        texts = [f"`{field[0].type} {field[0].schema_name}`" if field else "none" for field in (was, is_now)]
+        return f"field {number + 1} was {texts[0]} and is {texts[1]} in the class"
+    return ""
+
+
+def _nested_in(field: Field) -> type[Message] | None:
+    kind = field.type.element if isinstance(field.type, Items) else field.type
+    return kind.message if isinstance(kind, Nested) else None

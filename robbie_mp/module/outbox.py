@@ -4,7 +4,7 @@ import logging
 import time
 import weakref
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic
 
 import numpy as np
@@ -82,6 +82,8 @@ class Outbox:
         """Those whose arrays are gone; filled by finalizers."""
         self._read: set[int] = set()
         """Those that the core has, too: of messages that were not copied, as their arrays are read-only."""
+        self.check_class: Callable[[type[Message]], None] = lambda _: None
+        """Raises an error if a class may not be published in this run."""
         self.copied_loans = CopiedLoans(self._log)
         self._published_when_asked = -1
         """Number of messages published when `outstanding` was last read."""
@@ -310,15 +312,17 @@ class Outbox:
         name = _name_of(message_type, topic)
         if message_type.is_latched:
             self._latch(name)
-        declaration = self._advertise(name)
+        declaration = self._advertise(name, message_type)
         if not message_type.is_checked:  # so that there is no shorter way for those, neither here nor in C
             self._declarations[message_type, topic] = declaration
         return declaration
 
-    def _advertise(self, name: ChannelName) -> int:
+    def _advertise(self, name: ChannelName, message_type: type[Message] | None = None) -> int:
         self._check_open(name)
         declaration = self._channels.get(name)
         if declaration is None:
+            if message_type is not None:
+                self.check_class(message_type)
             actual = name._replace(topic=self._wiring.actual(name.type_name, name.topic))
             declaration = self._channels[name] = self._endpoint.advertise(
                 *actual, own_topic=name.topic, is_latched=name in self._latched

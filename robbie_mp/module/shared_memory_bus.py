@@ -1,9 +1,12 @@
 """The bus of a module that runs in its own process."""
 
+from collections.abc import Callable
+
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.blocks import BlockStore
 from robbie_mp.bus.transport.history import OwnHistory
 from robbie_mp.bus.transport.views import SegmentViews
+from robbie_mp.messages import Message
 from robbie_mp.module.calls.peers import Peers
 from robbie_mp.module.clock import Clock, SystemClock
 from robbie_mp.module.envelope import Envelope
@@ -25,6 +28,7 @@ class SharedMemoryBus(Outbox):
         views: maps of the publishers' memory.
         clock: the module's clock, for envelopes.
         wiring: the names that the profile gives to the module's topics.
+        check_class: raises an error if a class may not be exchanged in this run.
 
     Attributes:
         inbox: receives messages for the module.
@@ -38,12 +42,14 @@ class SharedMemoryBus(Outbox):
         views: SegmentViews,
         clock: Clock,
         wiring: Wiring,
+        check_class: Callable[[type[Message]], None],
     ):
         native = place.native
         super().__init__(place.endpoint, blocks, place.words, SystemClock(), native, wiring)
         self.inbox = Inbox(place.endpoint, views, place.words, place.channel_name, native, wiring)
         self.peers: Peers = place.peers
         self.subscriptions = self.inbox.subscriptions
+        self.check_class = self.subscriptions.check_class = check_class
         self.newest_stamp_ns = self.inbox.newest_stamp_ns
         self.show_deadline = self.inbox.show_deadline
         self._channel_name = place.channel_name

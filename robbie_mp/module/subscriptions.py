@@ -78,6 +78,7 @@ class Subscriptions:
         by_number: the subscriptions by the number that their messages carry.
         numbers: these numbers by the name of the subscription.
         refusals: the messages that no handler got, because they were ill-formed.
+        check_class: raises an error if a class may not be subscribed to in this run.
     """
 
     def __init__(
@@ -90,6 +91,7 @@ class Subscriptions:
         self._current_name = current_name
         self._wiring = wiring
         self.refusals = Refusals(logging.getLogger("robbie.receive"))
+        self.check_class: Callable[[type[Message]], None] = lambda _: None
         self._as_bytes = _AsBytes(current_name)
         self._by_name: dict[ChannelName, Subscription] = {}
         self.by_number: dict[int, Subscription] = {}
@@ -130,6 +132,7 @@ class Subscriptions:
         check_message_type(message_type, "subscribe")
         check_topic(topic)
         check_handler("subscribe", handler, f"message: {message_type.__name__}")
+        self.check_class(message_type)
         type_name = message_type.type_name
         name = ChannelName(type_name, message_type.version, self._wiring.subscribed(type_name, topic))
         handler = self._checked(message_type, handler)

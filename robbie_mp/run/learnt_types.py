@@ -1,8 +1,8 @@
-"""Message types that a run has learnt from another system since it began.
+"""Message types that a run has learnt since it began.
 
-The plan has the types that the robot's modules declare. A bridge that takes messages of other types writes
-each type to a file in the run's folder before it publishes the first message, so that recorders can read
-it.
+The plan has the types that the robot's modules declare when they are imported. A bridge that takes messages
+of other types writes each type to a file in the run's folder before it publishes the first message, so that
+recorders can read it. A module does so with a type, or a version, that the robot's code has got since.
 """
 
 import errno
@@ -21,21 +21,21 @@ Entry = tuple[str, int, str, str]
 
 
 def learn_type(run_directory: Path, entry: Entry) -> bool:
-    """Write down a type, unless the run has learnt one of its name.
+    """Write down a type, unless the run has learnt one of its name and version.
 
     Args:
         run_directory: the run's folder.
         entry: name, version, schema and Python module of the type.
 
     Returns:
-        Whether the run now has this type; False: it has another one of this name.
+        Whether the run now has this type; False: it has another one of this name and version.
 
     Raises:
         OSError: the file cannot be written, or the run has learnt too many types.
     """
     folder = run_directory / TYPES_FOLDER
     make_private_folder(folder)
-    path = folder / f"{entry[0].replace('/', '.')}.json"
+    path = _file(run_directory, *entry[:2])
     if not path.exists() and len(list(folder.glob("*.json"))) >= MAX_TYPES:
         raise OSError(errno.ENOSPC, f"a run learns at most {MAX_TYPES} types")
     unfinished = path.with_suffix(f".{os.getpid()}")
@@ -52,6 +52,18 @@ def learn_type(run_directory: Path, entry: Entry) -> bool:
 def learnt_types(run_directory: Path) -> list[Entry]:
     """Return the types that a run has learnt so far, sorted by file name."""
     return [_read(path) for path in sorted((run_directory / TYPES_FOLDER).glob("*.json"))]
+
+
+def learnt_schema(run_directory: Path, name: str, version: int) -> str | None:
+    """Return the schema of a type that a run has learnt; None if it has not learnt this version."""
+    try:
+        return _read(_file(run_directory, name, version))[2]
+    except FileNotFoundError:
+        return None
+
+
+def _file(run_directory: Path, name: str, version: int) -> Path:
+    return run_directory / TYPES_FOLDER / f"{name.replace('/', '.')}.{version}.json"
 
 
 def _read(path: Path) -> Entry:

@@ -6,6 +6,7 @@ from fnmatch import fnmatchcase
 from robbie_mp.attached.tool.tool import LONGEST_WAIT_S, Detached, Received, Tool, attach_again
 from robbie_mp.bus.transport.records import ANY_VERSION
 from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.messages import Message
 from robbie_mp.run.run_directory import KnownRun
 
 OPEN_TIMEOUT_S = 0.5
@@ -66,6 +67,14 @@ class MessageStream:
             if self._tool.counts()[0] == routed:
                 break
         return passed - routed
+
+    def check_class(self, message_type: type[Message]) -> None:
+        """Check a class that is to decode the messages.
+
+        Raises:
+            ChangedType: the run knows this version of the type with other fields.
+        """
+        self._tool.types.check(message_type)
 
     def close(self) -> None:
         """Detach from the run."""

@@ -145,6 +145,7 @@ class AttachedRun:
 
         Raises:
             NotAttached: `close()` was called.
+            ChangedType: the robot has this version of the type with other fields.
             ControlRefused: the profile allows no further tools.
             RunEnded, RunNotControlled: the run has ended, or is just starting.
         """
@@ -294,6 +295,11 @@ class Listener(Generic[MessageType]):
         name = ChannelName(message_type.type_name, message_type.version, topic)
         on_topic = f" on {topic}" if topic else ""
         stream = MessageStream(run, [name], f"{PURPOSE}: listen to {message_type.__name__}{on_topic}")
+        try:
+            stream.check_class(message_type)
+        except BaseException:
+            stream.close()
+            raise
         self._intake = _Intake(stream, max(1, max_waiting))
         self._end_s = math.inf if duration_s is None else time.monotonic() + duration_s
         # The thread does not refer to this object, so it ends when a notebook has forgotten the loop.

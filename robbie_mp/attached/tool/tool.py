@@ -27,6 +27,7 @@ from robbie_mp.module.clock import SystemClock
 from robbie_mp.module.membership import Membership
 from robbie_mp.module.outbox import Outbox
 from robbie_mp.run.control import ControlRefused, RunNotControlled, converse
+from robbie_mp.run.declared_types import DeclaredTypes
 from robbie_mp.run.plan import TOOL_MEMORY_BYTES, RunPlan
 from robbie_mp.run.run_directory import KnownRun
 
@@ -71,6 +72,7 @@ class Tool:
     Attributes:
         outbox: publishes the tool's own messages.
         peers: the modules of the run.
+        types: the message types of the run.
 
     Raises:
         ControlRefused: the profile allows no further tools, or shared memory is full.
@@ -89,6 +91,7 @@ class Tool:
             self._pid, incarnation = int(answer["pid"]), int(answer["incarnation"])
             plan = RunPlan.load(run.folder)
             self._slot, self._incarnation = plan.names.index(str(answer["done"])), incarnation
+            self.types = DeclaredTypes(run.folder, plan.types)
             self._map(plan, run.run_id)
         except (SegmentMissing, FileNotFoundError) as error:
             self._connection.close()
@@ -109,6 +112,7 @@ class Tool:
         self._words, self._endpoint, self._board = place.words, place.endpoint, place.board
         blocks = make_block_store(run_id, slot, incarnation, SEGMENT_BYTES, TOOL_MEMORY_BYTES, native)
         self.outbox = Outbox(self._endpoint, blocks, self._words, SystemClock(), native)
+        self.outbox.check_class = self.types.check
         self._views = make_views(run_id)
         self._tables = CoreTables.attach(place.core)
         self._counters = ChannelCounters(place.core)

@@ -44,6 +44,7 @@ class ToolBus(CopyingBus):
         self._lock = threading.RLock()
         """Held while any thread publishes or holds a loan, and while the bus attaches again."""
         self._tool = Tool(run, purpose)
+        self.subscriptions.check_class = self._check_class
         self._is_open = True
         self.on_new_place: Callable[[], None] = lambda: None
         """Called when the bus has attached again, before it subscribes again."""
@@ -170,6 +171,9 @@ class ToolBus(CopyingBus):
 
     def _request(self, subscription: Subscription) -> int:
         return self._tool.subscribe(*subscription.name, subscription.handling)
+
+    def _check_class(self, message_type: type[Message]) -> None:
+        self._tool.types.check(message_type)
 
     def _handle(self, received: Received) -> None:
         subscription = self.subscriptions.by_number[received.subscription]

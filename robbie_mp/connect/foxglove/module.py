@@ -59,7 +59,6 @@ from robbie_mp.messages import (
     Time,
     Twist,
     TwistStamped,
-    UnknownType,
     check_well_formed,
 )
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
@@ -455,20 +454,12 @@ class FoxgloveServer(Module):
         return f"/{ros_topic(name.type_name, name.topic)}/{snake_case(name.type_name)}"
 
     def _schema(self, name: ChannelName) -> str | None:
-        try:
-            described = self._describe(name.type_name)
-        except UnknownType:
-            return None
-        return described.schema if described.version == name.version else None
-
-    def _describe(self, type_name: str) -> TypeDescription:
-        try:
-            return self._types.describe(type_name)
-        except UnknownType:
-            self._types = BridgeRun.of(
-                self.run_id, self.name, CLASS_PATH
-            ).types  # a bridge may have learnt it
-            return self._types.describe(type_name)
+        found = self._types.schema(name.type_name, name.version)
+        if found is None:
+            around = BridgeRun.of(self.run_id, self.name, CLASS_PATH)
+            self._types = around.types  # the run may have learnt it
+            found = self._types.schema(name.type_name, name.version)
+        return found
 
     def _begin(self, shown: ShownChannel) -> None:
         """Begin to receive a channel when its first reader comes; later ones get what is latched."""

@@ -42,7 +42,6 @@ from robbie_mp.logs.recording.chunk import Chunk, Compression
 from robbie_mp.logs.recording.format import ChannelKey
 from robbie_mp.logs.recording.part_writer import PartWriter, RecordedChannel
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
-from robbie_mp.messages.errors import MessageError
 from robbie_mp.run.trace.crash import CrashReport
 
 MOST_BYTES = 2 << 30
@@ -253,10 +252,7 @@ class _MessageLog:
         return self._count - 1
 
     def _schema(self, key: ChannelKey) -> str | None:
-        try:
-            return self._types.describe(key.type_name).schema
-        except MessageError:
-            return None
+        return self._types.schema(key.type_name, key.version)
 
 
 def _code(start: StartForm) -> dict[str, CodeFile]:

@@ -16,7 +16,6 @@ from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.bus.transport.words import Words
 from robbie_mp.logs.recording.format import RunMetadata
 from robbie_mp.logs.recording.newest import KeepLimits
-from robbie_mp.messages import UnknownType
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_clock import RunClock
@@ -68,18 +67,11 @@ class RecordedRun:
 
     def schema(self, type_name: str, version: int) -> str | None:
         """Return the ros2msg text of a type; None if that version of it is not known."""
-        try:
-            described = self._describe(type_name)
-        except UnknownType:
-            return None
-        return described.schema if described.version == version else None
-
-    def _describe(self, type_name: str) -> TypeDescription:
-        try:
-            return self._types.describe(type_name)
-        except UnknownType:
-            self._types = _types(RunPlan.load(self.folder))  # a bridge may have learnt it
-            return self._types.describe(type_name)
+        found = self._types.schema(type_name, version)
+        if found is None:
+            self._types = _types(RunPlan.load(self.folder))  # the run may have learnt it
+            found = self._types.schema(type_name, version)
+        return found
 
     def metadata(self) -> RunMetadata:
         """Return the metadata that the parts of its recordings hold about the run."""

@@ -120,6 +120,12 @@ def stock_registry() -> TypeRegistry:
 _known = cache(stock_registry)
 
 
+def is_stock(message_type: type[Message]) -> bool:
+    """Whether a class is that of a stock message."""
+    name = message_type.type_name
+    return name in _known() and _known().get(name) is message_type
+
+
 @lru_cache(64)
 def class_with_rules(type_name: str, version: int) -> type[Message] | None:
     """Return the class of a stock type that some messages break; None for all other types and versions."""

@@ -41,6 +41,7 @@ from robbie_mp.module.ticks import (
     TimedTicks,
 )
 from robbie_mp.module.wiring import Wiring
+from robbie_mp.run.declared_types import DeclaredTypes
 from robbie_mp.run.lockstep import ClockSource, Lockstep
 from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.profile.check import load_class
@@ -81,7 +82,14 @@ def run_module(run_folder: Path, plan: RunPlan, name: str, incarnation: int) -> 
     if history is not None:
         begin_history(history, plan, place, planned, settings, checkpoints)
         module_clock = RecordedClock(clock, history.append)
-    bus = SharedMemoryBus(place, blocks, make_views(plan.run_id, native), module_clock, wiring)
+    bus = SharedMemoryBus(
+        place,
+        blocks,
+        make_views(plan.run_id, native),
+        module_clock,
+        wiring,
+        DeclaredTypes(run_folder, plan.types).declare,
+    )
     if history is not None:
         bus.record_into(history)
     module = module_class(

@@ -10,7 +10,7 @@ import os
 import sys
 import traceback
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from robbie_mp.base.linux.prctl import die_with_parent, set_process_name
 from robbie_mp.run.plan import RunPlan
@@ -43,7 +43,7 @@ def main(run_folder: Path) -> None:
             print(f"spares.imports names {name}, which cannot be imported: {error}", file=sys.stderr)
         except Exception:
             traceback.print_exc()  # the module that needs it will report it again
-    stage = Stage(plan)
+    stage = Stage(run_folder, plan)
     set_process_name("spare")  # only now is it a spare
     if assignment := wait_for_assignment(stage.rehearse):
         if not stage.is_up_to_date(assignment[0]):
@@ -55,10 +55,12 @@ class Stage:
     """Where a spare rehearses a module before it takes the place of one that runs.
 
     Args:
+        run_folder: the run's folder.
         plan: the run.
     """
 
-    def __init__(self, plan: RunPlan):
+    def __init__(self, run_folder: Path, plan: RunPlan):
+        self._run_folder = run_folder
         self._plan = plan
         self._imported = versions(robot_files(plan.workspace))
         self._rehearsed = ""
@@ -75,15 +77,25 @@ class Stage:
             return {"stale": True}
         importlib.invalidate_caches()
         result = self._examine(self._plan.modules[self._plan.names.index(name) - 1])
+        result["flaws"] = [*result["flaws"], *self._changed_types()]
         self._imported = versions(robot_files(self._plan.workspace))
         self._rehearsed = name
         return {**result, "files": self._imported}
 
-    def _examine(self, planned: ModuleSpec) -> dict[str, object]:
+    def _examine(self, planned: ModuleSpec) -> dict[str, Any]:
         from robbie_mp.module.module import Module  # noqa: PLC0415 (a spare for the core imports it anyway)
         from robbie_mp.run.profile.check import examine  # noqa: PLC0415
 
         return examine(question_about(planned), Module, Path(self._plan.workspace), [])
+
+    def _changed_types(self) -> list[tuple[str, int, str]]:
+        """Return the classes of messages with other fields than in the run, as flaws of the code."""
+        from robbie_mp.messages.descriptions import own_classes  # noqa: PLC0415 (as above)
+        from robbie_mp.module.class_check import place_of  # noqa: PLC0415
+        from robbie_mp.run.declared_types import DeclaredTypes  # noqa: PLC0415
+
+        types = DeclaredTypes(self._run_folder, self._plan.types)
+        return [(*place_of(one), flaw) for one in own_classes() if (flaw := types.flaw(one))]
 
     def _warm_up(self) -> None:
         """Examine a small module: the first time takes five times as long as the next."""

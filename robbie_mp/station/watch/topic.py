@@ -63,7 +63,7 @@ class TopicWatch:
             RobbieError: its type is unknown, or it cannot be decoded.
         """
         if self._type is None:
-            self._type = self._types.get(received.type_name)
+            self._type = self._types.get(received.type_name, received.version)
         message = self._type.decode(received.data)
         return nodes_of(FieldPath(self._type, "").value(message, full=False), "")
 
