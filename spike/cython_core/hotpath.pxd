@@ -1,0 +1,1 @@
+from robbie_mp.bus.core.layout_words cimport *
