@@ -1,1 +1,0 @@
-from robbie_mp.bus.core.layout_words cimport *
