@@ -9,6 +9,20 @@ DISTRIBUTION = "robbie-mp"
 REQUIREMENT = re.compile(r"([\w.-]+)\s*(?:>=\s*([0-9.]+))?[^;]*(?:;.*extra\s*==\s*[\"']([\w-]+)[\"'])?")
 
 
+IMPORTED_AS = {
+    "PIL": "pillow",
+    "coal": "pin",
+    "cv2": "opencv-python-headless",
+    "dlib": "dlib-bin",
+    "foxglove": "foxglove-sdk",
+    "pinocchio": "pin",
+    "serial": "pyserial",
+    "zenoh": "eclipse-zenoh",
+}
+"""The packages of our extras that are not imported by their own names."""
+NOT_INSTALLED = re.compile(r"No module named '(\w+)")
+
+
 @dataclass(frozen=True)
 class Requirement:
     """A package, its oldest version, and the extra that requires it ('': Robbie-MP itself)."""
@@ -50,6 +64,21 @@ def how_to_install(*extras: str) -> str:
     """
     texts = lacking(*extras) or _texts(extras) or [f"{DISTRIBUTION}[{','.join(extras)}]"]
     return " ".join(["pip install", *(f"'{one}'" for one in texts)])
+
+
+def what_to_install(failure: str) -> str:
+    """Return what to do about a failed import: install one of our extras, or else what is missing.
+
+    Args:
+        failure: the text of the ImportError.
+    """
+    found = NOT_INSTALLED.search(failure)
+    package = IMPORTED_AS.get(found[1], found[1].replace("_", "-")) if found else ""
+    try:
+        extra = next((one.extra for one in own_requirements() if one.extra and one.package == package), "")
+    except metadata.PackageNotFoundError:  # only the files are here
+        extra = ""
+    return f"install the extra `{extra}`: {how_to_install(extra)}" if extra else "install what is missing"
 
 
 def _texts(extras: Collection[str]) -> list[str]:

@@ -127,6 +127,27 @@ def _flaws_of_constructor(cls: type) -> Iterator[CodeFlaw]:
         yield CodeFlaw(*place_of(constructor), f"__init__ is called with the module's context; {advice}")
     elif "__init__" not in inspect.unwrap(constructor).__code__.co_names:
         yield CodeFlaw(*place_of(constructor), f"__init__ does not call super().__init__(context); {advice}")
+    elif _leaves_out_context(cls, constructor):
+        own = [name for name in inspect.signature(constructor).parameters if name not in ("self", "context")]
+        more = f"; make {', '.join(own)} a setting" if own else ""
+        text = f"__init__ calls super().__init__() without the module's context; {advice}{more}"
+        yield CodeFlaw(*place_of(constructor), text)
+
+
+def _leaves_out_context(cls: type, constructor: FunctionType) -> bool:
+    """Whether a constructor calls that of `Module` itself without an argument."""
+    owner = next(one for one in cls.__mro__ if vars(one).get("__init__") is constructor)
+    following = cls.__mro__[cls.__mro__.index(owner) + 1 :]
+    if next(vars(one)["__init__"] for one in following if "__init__" in vars(one)) is not Module.__init__:
+        return False
+    calls = {
+        ast.unparse(call)
+        for one in ast.walk(_tree(owner))
+        if isinstance(one, ast.FunctionDef) and one.name == "__init__"
+        for call in ast.walk(one)
+        if isinstance(call, ast.Call)
+    }
+    return "super().__init__()" in calls
 
 
 def _flaws_of_period(

@@ -147,6 +147,14 @@ class OwnConstructor(Module):
         self.x = 1
 
 
+class PortOfItsOwn(Module):
+    """Is written as a node of ROS."""
+
+    def __init__(self, port: str = "/dev/ttyUSB0") -> None:
+        super().__init__()  # type: ignore[call-arg]
+        self.port = port
+
+
 class Deaf(Module):
     """Has a handler that takes nothing."""
 
@@ -184,6 +192,7 @@ MISTAKEN: dict[Any, str] = {
     AsyncSetup: "setup is an `async def`, which would never run",
     AsyncHandler: "subscribe: on_scan is an `async def`, which would never run",
     OwnConstructor: "__init__ is called with the module's context; put what it does into `def setup",
+    PortOfItsOwn: r"__init__ calls super\(\).__init__\(\) without .*; make port a setting",
     Deaf: r"on_scan is called with one argument; write `def on_scan\(self, message: LaserScan\)`",
     TicksUnderAnotherName: r"has a period_s, but no tick\(\) .*; rename on_tick\(\) to tick",
     ForgotTick: r"has a period_s, but no tick\(\) .*; write `def tick\(self\)`, or leave out period_s",

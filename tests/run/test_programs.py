@@ -137,6 +137,8 @@ def test_a_topic_that_keeps_coming_is_a_sign_of_life() -> None:
     ("settings", "problem"),
     [
         ({"command": []}, "expected a program"),
+        ({"command": ["./no-such-program"]}, "there is no program './no-such-program'$"),
+        ({"command": [__file__]}, rf"there is no program '{__file__}'; `chmod \+x {__file__}` makes it one"),
         ({"command": ["no-such-program"]}, "there is no program 'no-such-program' in PATH"),
         ({"command": ["true"], "alive_topic": "a b c"}, "expected a type"),
     ],
@@ -217,10 +219,13 @@ def test_a_profile_has_a_class_or_a_program(robot: Robot) -> None:
     assert "there is no program" in checked.stderr
 
 
-def test_the_guardian_says_what_cannot_be_started(capfd: pytest.CaptureFixture[str]) -> None:
-    with ModuleHarness(Program, {"command": ["/no/such"]}) as harness, pytest.raises(SystemExit):
+def test_the_guardian_says_what_cannot_be_started(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    script = tmp_path / "script"
+    script.write_text("#!/no/such/interpreter\n")
+    script.chmod(0o755)
+    with ModuleHarness(Program, {"command": [str(script)]}) as harness, pytest.raises(SystemExit):
         until(harness, lambda: False)
-    assert "/no/such cannot be started: No such file" in capfd.readouterr().err
+    assert f"{script} cannot be started: No such file" in capfd.readouterr().err
 
 
 def test_a_guardian_needs_no_package_of_ours() -> None:

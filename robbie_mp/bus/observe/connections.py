@@ -44,7 +44,7 @@ def unconnected(
 
 
 def _why(wanted: ChannelName, published: Mapping[ChannelName, Sequence[str]]) -> str:
-    """Say what comes nearest: another version on the topic, another topic, another version elsewhere."""
+    """Say what comes nearest: another version on the topic, another topic, another type."""
     same_type = [channel for channel in published if channel.type_name == wanted.type_name]
     other_versions = [channel for channel in same_type if channel.version != wanted.version]
     here = [channel for channel in other_versions if wanted.topic in ("", channel.topic)]
@@ -58,7 +58,10 @@ def _why(wanted: ChannelName, published: Mapping[ChannelName, Sequence[str]]) ->
             f"only version {versions} is published{_by(found, published)}, "
             f"and this is a subscription to version {wanted.version}"
         )
-    return "nobody publishes it"
+    others = [channel for channel in published if wanted.topic and channel.topic == wanted.topic]
+    types = _listed(what(channel.type_name, "") for channel in others)
+    carries = f"; topic '{wanted.topic}' carries {types}{_by(others, published)}" if others else ""
+    return f"nobody publishes it{carries}"
 
 
 def _by(channels: Sequence[ChannelName], published: Mapping[ChannelName, Sequence[str]]) -> str:

@@ -42,7 +42,9 @@ class ParquetLibrary:
             import pyarrow  # noqa: PLC0415 - an extra
             import pyarrow.parquet  # noqa: PLC0415
         except ImportError as error:
-            raise NotParquet(f"Parquet files need Apache Arrow: {how_to_install('parquet')}") from error
+            raise NotParquet(
+                f"Parquet files need the extra `parquet`: {how_to_install('parquet')}"
+            ) from error
         self.arrow: Any = pyarrow
 
     def kind(self, kind: FieldType) -> Any:

@@ -5,7 +5,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from robbie_mp.base.extras import Requirement, installed, own_requirements
+from robbie_mp.base.extras import Requirement, installed, own_requirements, what_to_install
 from robbie_mp.bus._hot.choice import why_not
 from robbie_mp.run.doctor.finding import Finding, fail, ok, warn
 from robbie_mp.run.profile.model import Profile
@@ -145,8 +145,7 @@ def check_modules(count: int, failures: Mapping[str, str]) -> Finding:
         return ok("modules", f"all {count} can be imported")
     last_lines = {name: what_failed(text) for name, text in failures.items() if text.strip()}
     found = "; ".join(f"{name} cannot be imported: {line}" for name, line in last_lines.items())
-    needs_package = any("No module named" in line for line in last_lines.values())
-    advice = (
-        "install what is missing: pip install" if needs_package else "fix the error; `robbie run` shows more"
-    )
+    missing = [line for line in last_lines.values() if "No module named" in line]
+    advice = "; ".join(dict.fromkeys(map(what_to_install, missing)))
+    advice = advice or "fix the error; `robbie run` shows more"
     return fail("modules", found or ", ".join(failures), advice)

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from robbie_mp.base.extras import what_to_install
 from robbie_mp.base.problem import Problem, ProfileError, SourcePlace
 from robbie_mp.messages.descriptions import TypeDescription
 from robbie_mp.run.profile.checking_process import PreflightError, check_events
@@ -123,7 +124,8 @@ def runnable(profile: Profile, findings: Preflight) -> Profile:
         Problem(
             f"modules.{module.name}.class: {module.class_path} cannot be imported: "
             f"{what_failed(findings.failures[module.name])}; "
-            "install what is missing, or write `optional: true` into the module to run without it",
+            f"{what_to_install(findings.failures[module.name])}, "
+            "or write `optional: true` into the module to run without it",
             profile.place_of("modules", module.name, "class"),
         )
         for module in missing

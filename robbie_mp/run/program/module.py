@@ -4,6 +4,7 @@ import os
 import shutil
 import signal
 import socket
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -70,7 +71,15 @@ class Program(Module):
                 "expected a program, and its arguments, as [ros2, run, my_package, my_node]", "command"
             )
         path = settings["environment"].get("PATH")
-        if "/" not in command[0] and shutil.which(command[0], path=path) is None:
+        if "/" in command[0]:
+            # Of the workspace, the process that checks a profile knows no more than that it imports from it.
+            folders = [settings["folder"]] if settings["folder"] else [Path.cwd(), *map(Path, sys.path)]
+            places = [folder / command[0] for folder in folders]
+            if not any(shutil.which(place) for place in places):
+                found = next((place for place in places if place.is_file()), None)
+                remedy = f"; `chmod +x {found}` makes it one" if found else ""
+                raise SettingError(f"there is no program {command[0]!r}{remedy}", "command")
+        elif shutil.which(command[0], path=path) is None:
             where = "the PATH in `environment`" if path else "PATH"
             raise SettingError(
                 f"there is no program {command[0]!r} in {where}; install it, or source its setup",

@@ -25,7 +25,11 @@ def test_patterns_may_match_nothing() -> None:
 def test_type_that_nobody_publishes() -> None:
     others = {ChannelName("nav_msgs/msg/Odometry", 1, "scan"): ["base"]}
     expected = ["gets no sensor_msgs/LaserScan on topic 'scan': nobody publishes it"]
-    assert said(ChannelName(SCAN, 1, "scan"), others) == expected
+    assert (
+        said(ChannelName(SCAN, 1, "scan"), {ChannelName("nav_msgs/msg/Odometry", 1, "odo"): []}) == expected
+    )
+    carries = [f"{expected[0]}; topic 'scan' carries nav_msgs/Odometry (by base)"]
+    assert said(ChannelName(SCAN, 1, "scan"), others) == carries
     assert said(ChannelName(SCAN, 1, ""), others) == ["gets no sensor_msgs/LaserScan: nobody publishes it"]
 
 

@@ -1,5 +1,6 @@
 """Each check judges machines that are suitable, that could be better, and on which no robot can run."""
 
+import re
 import resource
 from collections.abc import Iterable
 from dataclasses import replace
@@ -134,6 +135,18 @@ CASES: dict[Level, list[Finding]] = {
 @pytest.mark.parametrize("level", Level)
 def test_machines_are_judged_correctly(level: Level) -> None:
     assert [finding for finding in CASES[level] if finding.level is not level] == []
+
+
+def test_missing_libraries_are_advised_by_their_extras() -> None:
+    missing = {
+        name: f"ModuleNotFoundError: No module named '{name}'" for name in ("PIL", "serial", "cv2", "x")
+    }
+    advice = python.check_modules(4, missing).advice
+    assert re.findall("the extra `.*?`: pip install '|install what is missing", advice) == [
+        "the extra `robot`: pip install '",
+        "the extra `vision`: pip install '",
+        "install what is missing",
+    ]
 
 
 def test_problems_have_advice_and_other_lines_have_none() -> None:

@@ -387,6 +387,18 @@ def test_module_that_cannot_import_something_is_an_error_before_the_run(robot: R
     )
 
 
+@pytest.mark.parametrize(
+    ("library", "extra"),
+    [("PIL.Image", "robot"), ("serial", "robot"), ("zenoh", "link"), ("matplotlib", "plot")],
+)
+def test_missing_library_of_an_extra_names_the_extra(robot: Robot, library: str, extra: str) -> None:
+    text = f"No module named '{library}'"
+    robot.write_code("mods", f"raise ModuleNotFoundError({text!r}, name={library.partition('.')[0]!r})")
+    write_class(robot, "mods:Camera")
+    with pytest.raises(ProfileError, match=rf"; install the extra `{extra}`: pip install '.*, or write `opt"):
+        runnable(robot.load(), robot.preflight())
+
+
 def test_run_goes_on_without_an_optional_module_that_cannot_be_imported(robot: Robot) -> None:
     robot.write_code("mods", "import no_such_library\nclass Camera: pass")
     robot.write(
