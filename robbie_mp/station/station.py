@@ -45,7 +45,8 @@ def load_website() -> type[Website]:
         from robbie_mp.station.web.website import Website  # noqa: PLC0415 - see above
     except ModuleNotFoundError as error:
         raise ExtraMissing(
-            f"no operator station: {error.name} is missing; install the extra `gui`: {how_to_install('gui')}"
+            f"no operator station: the library {error.name} is missing; "
+            f"install the extra `gui`: {how_to_install('gui')}"
         ) from error
     return Website
 

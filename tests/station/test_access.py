@@ -257,7 +257,9 @@ def test_unsafe_or_wrong_settings_are_errors_before_anything_starts(
 def test_occupied_port_is_a_clear_error() -> None:
     with closing(listen("127.0.0.1", 0)) as first:
         port = first.getsockname()[1]
-        with pytest.raises(AddressUnusable, match=f"port {port}: .*set another host or port"):
+        with pytest.raises(
+            AddressUnusable, match=f"port {port}: .*set another host or port .*--set operator.port=0"
+        ):
             listen("127.0.0.1", port)
 
 
@@ -276,7 +278,7 @@ def test_station_without_its_libraries_reports_that_in_one_line_and_ends(
     with ModuleHarness(OperatorStation) as harness:
         assert harness.module.stop_requested
         assert "no operator station: the library " in harness.module.status
-        assert harness.module.status.partition("is missing; pip install ")[1]
+        assert harness.module.status.partition("is missing; install the extra `gui`: pip install ")[1]
         (record,) = caplog.records
         assert record.getMessage() == harness.module.status
 

@@ -61,9 +61,14 @@ class ChannelHandler(logging.Handler):
         """Send a record, or count it if it does not fit."""
         try:
             line = self._line(record)
-        except Exception:  # its arguments do not match its format, which logging allows
-            self.handleError(record)
-            return
+        except Exception as error:  # its arguments do not match its format, which logging allows
+            text = (
+                f"a log call at {record.pathname}:{record.lineno} has a text and arguments that do not match"
+            )
+            written = record.msg if isinstance(record.msg, str) else type(record.msg).__name__
+            record.msg, record.args = f"{text}: {written!r:.200}: {type(error).__name__}: {error}", ()
+            record.levelno, record.levelname = logging.ERROR, "ERROR"
+            line = self._line(record)
         if record.levelno < logging.ERROR and self._is_filling():
             self.dropped += 1
         else:

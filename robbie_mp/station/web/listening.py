@@ -40,8 +40,9 @@ def listen(host: str, port: int, unread_limit_s: float = UNREAD_LIMIT_S) -> sock
     except OSError as error:
         raise AddressUnusable(
             f"cannot listen on {host}, port {port}: {error.strerror or error}; "
-            "set another host or port for the operator station"
-        ) from error
+            "set another host or port for the operator station, "
+            "as with `--set operator.port=0` (any free one)"
+        ) from None
     # Accepted connections inherit these options; tcp(7).
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(unread_limit_s * 1000))
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
