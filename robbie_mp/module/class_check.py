@@ -205,6 +205,9 @@ def _flaws_of_calls(cls: type, own: type, may_set: Callable[[str], bool]) -> Ite
     """Find handlers and topics in a class body that cannot be used."""
     file, first = place_of(own)
     for node in (node for body in _tree(own).body for node in _of_the_module(body)):
+        for method in _methods_replaced_by(node):
+            text = f"self.{method.attr} is a method of Module, and no place for a value; use another name"
+            yield CodeFlaw(file, first + method.lineno - 1, text)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and _is_self(node.func.value):
             verb = node.func.attr
             if getattr(cls, verb, None) is not getattr(Module, verb, verb):
@@ -214,6 +217,18 @@ def _flaws_of_calls(cls: type, own: type, may_set: Callable[[str], bool]) -> Ite
                 _flaw_of_topic(verb, node),
             ]
             yield from (CodeFlaw(file, first + node.lineno - 1, f"{verb}: {text}") for text in texts if text)
+
+
+def _methods_replaced_by(node: ast.AST) -> Iterator[ast.Attribute]:
+    """Yield the methods of `Module` in whose place an assignment puts a constant."""
+    if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant):
+        for one in node.targets:
+            if isinstance(one, ast.Attribute) and _is_self(one.value) and _is_ours(one.attr):
+                yield one
+
+
+def _is_ours(name: str) -> bool:
+    return isinstance(vars(Module).get(name), FunctionType)
 
 
 def _flaw_of_arguments(verb: str, call: ast.Call) -> str:

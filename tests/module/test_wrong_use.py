@@ -155,6 +155,13 @@ class PortOfItsOwn(Module):
         self.port = port
 
 
+class CountsInTick(Module):
+    """Has a number in place of a method."""
+
+    def setup(self) -> None:
+        self.tick = 5  # type: ignore[assignment, method-assign]
+
+
 class Deaf(Module):
     """Has a handler that takes nothing."""
 
@@ -193,6 +200,7 @@ MISTAKEN: dict[Any, str] = {
     AsyncHandler: "subscribe: on_scan is an `async def`, which would never run",
     OwnConstructor: "__init__ is called with the module's context; put what it does into `def setup",
     PortOfItsOwn: r"__init__ calls super\(\).__init__\(\) without .*; make port a setting",
+    CountsInTick: r"test_wrong_use.py:\d+: self.tick is a method of Module, and no place for a value",
     Deaf: r"on_scan is called with one argument; write `def on_scan\(self, message: LaserScan\)`",
     TicksUnderAnotherName: r"has a period_s, but no tick\(\) .*; rename on_tick\(\) to tick",
     ForgotTick: r"has a period_s, but no tick\(\) .*; write `def tick\(self\)`, or leave out period_s",
