@@ -142,12 +142,13 @@ def test_time_from_kill_to_the_next_message_is_measured(tmp_path: Path) -> None:
 
 def test_variant_changes_the_profile_that_is_measured(tmp_path: Path) -> None:
     file = tmp_path / "few.yaml"
-    file.write_text("core: {credits: 2}\nmodule: {queue: {messages: 5}}")
+    file.write_text("core: {credits: 2}\nmodule: {queue: {messages: 5}}\nblack_box: false")
     usual, few = Options(variants=dict([read_variant(f"few={file}")])).robbies()
     assert (usual.name, few.name) == ("robbie", "few")
     work = Work("variant", tmp_path, subscribers=2)
     profile = few.profile(few.pair(work))
     assert profile["core"] == {"credits": 2}
+    assert profile["black_box"] is False
     assert set(profile["modules"]) == {"subscriber-0", "subscriber-1", "publisher"}
     assert all(module["queue"] == {"messages": 5} for module in profile["modules"].values())
     assert "credits" in few.how and "credits" not in usual.how

@@ -88,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
         default=[],
         type=read_variant,
         metavar="NAME=FILE",
-        help="also measure Robbie with the keys `core` and `module` of this YAML file",
+        help="also measure Robbie with the keys `core`, `module` and `black_box` of this YAML file",
     )
     return parser
 

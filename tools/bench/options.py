@@ -27,7 +27,7 @@ class Options:
         modules: maximum number of modules or subscribers.
         seconds: time for which processor time is measured.
         only: names of the contenders to measure; () for all.
-        variants: further variants of Robbie by name: the keys `core` and `module` of their profiles.
+        variants: further variants of Robbie by name: the keys `core`, `module` and `black_box` of profiles.
     """
 
     quick: bool = False
@@ -63,8 +63,7 @@ class Options:
         """Return Robbie and the variants of it that the command line asks for."""
         found = [RobbieContender()]
         for name, profile in self.variants.items():
-            core, module = profile.get("core"), profile.get("module")
-            found.append(RobbieContender(name, f"Robbie-MP {name}", core, module))
+            found.append(RobbieContender(name, f"Robbie-MP {name}", **profile))
         return found
 
 

@@ -31,6 +31,7 @@ class RobbieContender:
         title: name in tables.
         core: the profile's `core`.
         module: further keys of each module in the profile.
+        black_box: the profile's `black_box`.
     """
 
     def __init__(
@@ -39,16 +40,18 @@ class RobbieContender:
         title: str = "Robbie-MP",
         core: Mapping[str, Any] | None = None,
         module: Mapping[str, Any] | None = None,
+        black_box: bool = True,
     ):
         self.name = name
         self.title = title
         self._core = dict(core or {})
         self._module = dict(module or {})
+        self._black_box = black_box
 
     @property
     def how(self) -> str:
         """The set-up, in one line."""
-        special = {"core": self._core, "module": self._module}
+        special = {"core": self._core, "module": self._module, "no black box": not self._black_box}
         changed = ", ".join(f"{key}: {value}" for key, value in special.items() if value)
         setup = "a profile run by `robbie run`: supervisor, core, modules"
         return "; ".join(filter(None, (setup, changed)))
@@ -104,7 +107,11 @@ class RobbieContender:
         """Return a profile with these modules. Its core and modules all have the given scheduling."""
         place = {"scheduling": dict(scheduling)} if scheduling else {}
         complete = {name: {**MODULE, **place, **own, **self._module} for name, own in modules.items()}
-        return {"core": {**place, **self._core}, "modules": complete}
+        return {
+            "core": {**place, **self._core},
+            "modules": complete,
+            "black_box": self._black_box,
+        }
 
     @contextlib.contextmanager
     def robot(
