@@ -20,8 +20,20 @@ WRITE_TIMEOUT_S = 0.5
 READ_BYTES = 65_536
 
 
+REMEDIES = {
+    errno.ENOENT: "; `robbie devices` lists the ports that are there",
+    errno.EACCES: "; add the user to the group that may use it: sudo usermod -aG dialout $USER",
+}
+
+
 class PortError(OSError):
     """The port cannot be opened, or it broke."""
+
+
+def _reason(error: Exception) -> str:
+    """Say once why a port cannot be opened, and what to do: pyserial says it twice."""
+    code = getattr(error, "errno", None)
+    return f"{os.strerror(code)}{REMEDIES[code]}" if code in REMEDIES else str(error)
 
 
 class Port:
@@ -41,7 +53,7 @@ class Port:
         try:
             self._link = links().open(url, lambda: _opened(url, bit_rate))
         except (OSError, ValueError) as error:
-            raise PortError(f"cannot open the port {url}: {error}") from None
+            raise PortError(f"cannot open the port {url}: {_reason(error)}") from None
 
     def read(self, wait_s: float) -> bytes:
         """Return what has arrived; wait for it at most `wait_s`. Empty: nothing came.

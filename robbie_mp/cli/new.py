@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,17 +76,22 @@ def new(arguments: argparse.Namespace) -> int:
         made = copy_example(example, folder)
         extras = EXTRAS[example].split(",")
         install = [how_to_install(*extras)] if lacking(*extras) else []
-        commands = [*install, f"cd {folder}", f"robbie run {example}"]
+        commands = [*install, go_there(folder), f"robbie run {example}"]
     elif arguments.folder:
         folder = arguments.folder
         made = make_workspace(folder)
-        commands = [f"cd {folder}", "python3 -m unittest", "robbie run robot"]
+        commands = [go_there(folder), "python3 -m unittest", "robbie run robot"]
     else:
         arguments.usage_error("name a folder for the new robot, or an --example")
     print(f"made {folder} with {len(made)} files. Next:")
     for command in commands:
         print(f"    {command}")
     return 0
+
+
+def go_there(folder: Path) -> str:
+    """Return the command that goes to a folder."""
+    return f"cd {shlex.quote(str(folder))}"
 
 
 def make_workspace(folder: Path) -> list[Path]:

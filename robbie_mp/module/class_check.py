@@ -20,7 +20,7 @@ from robbie_mp.base.problem import Problem, SourcePlace
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.module.clock import is_span
 from robbie_mp.module.handlers import handler_flaw
-from robbie_mp.module.module import Module, period_flaw
+from robbie_mp.module.module import Module, period_flaw, tick_without_period
 from robbie_mp.module.settings import settings_of
 from robbie_mp.module.wiring import InvalidTopic, check_topic
 
@@ -162,6 +162,11 @@ def _flaws_of_period(
             elif period_s is not None and cls.tick is Module.tick and not _uses_period(cls, own, may_set):
                 yield CodeFlaw(*_place_in(one, "period_s"), _no_tick(cls, own))
             return
+    if cls.tick is not Module.tick and is_of_author(place_of(cls.tick)[0]):
+        bases = cls.__mro__[: cls.__mro__.index(Module)]
+        is_set = any("period_s" in vars(one) for one in bases) or _set_by(cls, bases)("period_s")
+        if not is_set:
+            yield CodeFlaw(*place_of(cls.tick), tick_without_period(cls))
 
 
 def _uses_period(cls: type, own: Sequence[type], may_set: Callable[[str], bool]) -> bool:

@@ -827,6 +827,15 @@ def period_flaw(cls: type, period_s: object) -> str:
     )
 
 
+def tick_without_period(cls: type) -> str:
+    """Return what to write in a class with a `tick()` that nothing calls."""
+    return (
+        f"{cls.__name__} has a tick(), but nothing sets period_s, so tick() would never run; "
+        "write `period_s = 0.1` in the class for ten ticks per second, or `period_s = None` if a handler "
+        "sets it later"
+    )
+
+
 def check_period(module: Module) -> None:
     """Check `period_s` after `setup()`.
 
@@ -840,11 +849,7 @@ def check_period(module: Module) -> None:
     own = [module, *(base for base in cls.__mro__ if base is not Module)]
     is_set = any("period_s" in vars(one) for one in own if one is not object)
     if cls.tick is not Module.tick and not is_set:
-        raise InvalidPeriod(
-            f"{cls.__name__} has a tick(), but nothing sets period_s, so tick() would never run; "
-            "write `period_s = 0.1` in the class for ten ticks per second, or `period_s = None` if a handler "
-            "sets it later"
-        )
+        raise InvalidPeriod(tick_without_period(cls))
 
 
 def _ignore(_feedback: object) -> None:

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from robbie_mp import Module, ModuleHarness, setting
+from robbie_mp import Module, ModuleHarness
 from robbie_mp.cli import main
 from robbie_mp.messages import DriveCommand, Image, LaserScan, OccupancyGrid
 from robbie_mp.messages.errors import FieldError, ImmutableMessage, NotAMessage, UnknownField
+from robbie_mp.module.class_check import InvalidClass
 from robbie_mp.module.deadlines import InvalidDeadline
 from robbie_mp.module.handlers import InvalidHandler
 from robbie_mp.module.harness import NotSubscribed
@@ -225,6 +226,7 @@ COMMANDS = {
     "rnu": (2, "'rnu' is no command; did you mean 'run'?"),
     "run": (2, "robbie run: the following arguments are required: profile; see `robbie run --help`"),
     "run robt": (2, "there is no profile 'robt'; did you mean 'robot'?"),
+    "run robot.yaml": (2, "there is no file robot.yaml; did you mean `robbie run robot`?"),
     "run robot --set nope=1": (2, "--set nope: expected MODULE.SETTING=VALUE"),
     "run robot --set sensr.period_s=1": (2, "--set sensr.*: there is no module 'sensr'"),
     "run robot --set sensor.period_s=fast": (2, "--set sensor.period_s: .*expected float, at least 0.01"),
@@ -357,9 +359,7 @@ def test_missing_library_is_named_with_the_line_that_imports_it(command: Callabl
 
 
 class Camera(Module):
-    """Does in `setup` or `tick` what a test wants."""
-
-    period_s: float = setting(0.1, "between images")
+    """Does what a test wants."""
 
     def on_scan(self, _scan: LaserScan) -> None:
         pass
@@ -459,8 +459,8 @@ def test_mistake_while_a_module_runs_is_explained(name: str) -> None:
 
 def test_error_of_ours_that_no_line_of_the_module_raised_has_no_traceback() -> None:
     class Ticks(Module):
-        def tick(self) -> None:
-            pass
+        def setup(self) -> None:
+            self.period_s = 0
 
     with pytest.raises(InvalidPeriod) as raised, ModuleHarness(Ticks):
         pass
@@ -507,8 +507,8 @@ def test_tick_without_a_period_is_explained() -> None:
         def tick(self) -> None:
             pass
 
-    with pytest.raises(InvalidPeriod, match=r"write `period_s = 0\.1` in the class"):
-        ModuleHarness(Ticking).__enter__()
+    with pytest.raises(InvalidClass, match=r"write `period_s = 0\.1` in the class"):
+        ModuleHarness(Ticking)
 
 
 def test_table_has_the_fifty_mistakes() -> None:

@@ -99,8 +99,8 @@ class Text(Ticking):
 
 
 def test_tick_without_a_period_is_an_error() -> None:
-    with pytest.raises(InvalidPeriod, match=r"Ticking has a tick\(\), but nothing sets period_s"):
-        ModuleHarness(Ticking).__enter__()
+    with pytest.raises(InvalidClass, match=r"\.py:\d+: Ticking has a tick\(\), but nothing sets period_s"):
+        ModuleHarness(Ticking)
     for cls in (NotPositive, Endless, Text):
         with pytest.raises(InvalidClass, match=rf"period_s is {re.escape(repr(cls.period_s))}; it must be"):
             ModuleHarness(cls)

@@ -54,10 +54,9 @@ class Workspace:
         file = self.file_of(name)
         if not NAME.fullmatch(name.removeprefix(STOCK)) or not file.is_file():
             own, stock = self.names(), stock_names()
-            near = _near(name, [*own, *stock])
             known = f"; profiles in {self.folder}: {', '.join(own) or 'none'}"
             known += f"; in Robbie-MP: {', '.join(stock)}"
-            raise refuse(f"there is no profile {name!r}{near}{known}", place)
+            raise refuse(f"there is no profile {name!r}{_near(name, [*own, *stock]) or known}", place)
         content = read_file(file)
         if content.value is None:
             return YamlNode({}, content.place)
@@ -144,4 +143,7 @@ def locate(name_or_file: str, start: Path) -> tuple[Workspace, str]:
     for folder in file.parents:
         if folder.name == FOLDER:
             return Workspace(folder.parent), file.relative_to(folder).with_suffix("").as_posix()
+    root = enclosing_workspace(start.absolute())
+    if root and not file.exists() and Workspace(root).file_of(file.stem).is_file():
+        raise refuse(f"there is no file {name_or_file}; did you mean `robbie run {file.stem}`?")
     raise refuse(f"{file} is not in a folder {FOLDER}/, so it belongs to no robot")

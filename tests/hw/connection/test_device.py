@@ -174,6 +174,13 @@ def test_port_that_cannot_be_opened_is_named(url: str) -> None:
         Port(url)
 
 
+def test_port_that_is_not_there_is_reported_once_with_what_to_do() -> None:
+    with pytest.raises(PortError) as raised:
+        Port("/dev/no-such-port")
+    said = "No such file or directory; `robbie devices` lists the ports that are there"
+    assert str(raised.value) == f"cannot open the port /dev/no-such-port: {said}"
+
+
 def test_port_that_another_process_uses_is_reported_with_that_process() -> None:
     controller, device = pty.openpty()
     name = os.ttyname(device)

@@ -3,7 +3,6 @@
 import pytest
 
 from robbie_mp.run.profile.model import ModuleSpec, Profile
-from robbie_mp.run.profile.workspace import stock_names
 from tests.run.profile.conftest import Robot
 
 
@@ -115,14 +114,11 @@ def test_cycle_shows_its_chain(robot: Robot) -> None:
     ]
 
 
-def test_missing_parent_is_reported_with_its_line_and_all_profiles(robot: Robot) -> None:
+def test_missing_parent_is_reported_with_its_line_and_a_similar_name(robot: Robot) -> None:
     robot.write("base", "")
     robot.write("demo", "parents:\n- base\n- bse")
     [problem] = robot.problems()
-    assert problem == (
-        f"profiles/demo.yaml:3: there is no profile 'bse'; did you mean 'base'?; "
-        f"profiles in {robot.root}/profiles: base, demo; in Robbie-MP: {', '.join(stock_names())}"
-    )
+    assert problem == "profiles/demo.yaml:3: there is no profile 'bse'; did you mean 'base'?"
 
 
 @pytest.mark.parametrize(
