@@ -121,6 +121,17 @@ def place_is_named_without_a_dialog(page: Page) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector("#map-text:has-text('kitchen')")
     page.wait_for_selector("#map-card", state="hidden")
+    press_until(page, "#map-draw", "#map-draw-place")
+    page.click("#map-draw-place")
+    page.wait_for_selector("#map-view[data-placing=place]")
+    page.wait_for_selector(".q-menu", state="detached")
+    press(page, 1.0, 4.0)
+    page.wait_for_selector("#map-card #map-card-name")
+    page.fill("#map-card-name", "kitchen")  # another operator's may have this name
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#map-draw-warning:has-text('there is a kitchen already')")
+    page.click("#map-card-close")
+    page.wait_for_selector("#map-card", state="hidden")
 
 
 def mark_goes_shows_is_renamed_and_comes_back(page: Page, told: Told) -> None:

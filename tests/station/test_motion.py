@@ -143,6 +143,27 @@ def test_free_way_ahead_is_that_of_all_lasers_together(
     assert see("rear_laser", 0.5) == pytest.approx(7.8), "an old scan does not count"
 
 
+def test_ring_says_nothing_where_a_laser_is_blind(
+    time_s: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = Stage()
+    monkeypatch.setattr(stage.scene.graph, "pose", lambda *_: RigidTransform(), raising=False)
+    watch = stage.motion()
+
+    def ring(range_m: float) -> tuple[float | None, ...]:
+        ranges = np.full(8, range_m, np.float32)
+        scan = LaserScan(angle_increment=np.pi / 4, range_min=0.1, range_max=8.0, ranges=ranges)
+        stage.known[(LaserScan, "")].put(scan)
+        time_s[0] += 0.2
+        watch.tick()
+        return watch.now.ring_m
+
+    assert ring(np.inf) == pytest.approx((8.0,) * 8), "nothing is near"
+    assert ring(1.0)[0] == pytest.approx(0.8)
+    for blind in (np.nan, -np.inf, 0.05):
+        assert not any(ring(blind)), blind
+
+
 def test_battery_lasts_as_long_as_its_charge_has_fallen_lately() -> None:
     assert time_left_s(deque([(0.0, 0.5), (100.0, 0.4)])) == pytest.approx(400.0)
     assert time_left_s(deque([(0.0, 0.5), (10.0, 0.4)])) is None, "too short to tell"

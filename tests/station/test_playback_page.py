@@ -139,6 +139,13 @@ def keys_change_speed_and_place(page: Page) -> None:
     page.keyboard.press("ArrowRight")
     page.wait_for_selector("#playback-clock:has-text('22:13:25.0')")
     page.wait_for_selector("#trace-log :text('the laser stands')")
+    page.focus("#playback-zoom-in")
+    page.keyboard.press(" ")  # presses the button that has the focus, and does not start the log
+    page.wait_for_selector("#playback-shown:has-text('of 1:59')")
+    assert "paused" in page.inner_text("#playback-text")
+    page.click("#playback-zoom-all")
+    page.wait_for_selector("#playback-shown", state="hidden")
+    page.evaluate("document.activeElement.blur()")
 
 
 def bookmark_is_kept_beside_the_log(page: Page, file: Path) -> None:

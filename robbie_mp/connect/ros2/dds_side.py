@@ -288,7 +288,7 @@ class DdsSide:
         def take(reader: Any, handle: int, data: bytes, sent_ns: int) -> None:
             is_asked = not self.admission.is_open or channel in self.inbox.taps
             sender = self._sender(reader, handle) if is_asked else b""
-            put = partial(self.inbox.put, channel, data, sent_ns, sender)
+            put = partial(self.inbox.put, channel, data, sent_ns, sender, time.monotonic_ns())
             self.admission.take(sender, f"a message on {channel.name}", len(data), put)
 
         topic, message_type = self._topic(channel)
@@ -375,8 +375,9 @@ class DdsSide:
         """Forget what participants that have gone have told of their nodes."""
         if self._names is None:
             return
+        tellers = list(self._tellers)  # before the look: one that comes meanwhile is alive
         alive = set(self._names.get_matched_publications())
-        for handle in [one for one in list(self._tellers) if one not in alive]:
+        for handle in [one for one in tellers if one not in alive]:
             self.admission.forget(self._tellers.pop(handle))
 
     def _compare(self, key: bytes, endpoint: _Endpoint) -> None:

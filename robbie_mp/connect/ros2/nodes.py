@@ -6,7 +6,7 @@ after its first message. So what comes from an endpoint of which nothing was sai
 
 import threading
 import time
-from collections import OrderedDict, deque
+from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
@@ -55,6 +55,8 @@ class Admission:
         self._known: dict[bytes, str] = {}
         self._of: dict[bytes, set[bytes]] = {}
         """Endpoints of nodes that match, by who has told of them."""
+        self._tellers: Counter[bytes] = Counter()
+        """By how many each of them was told."""
         self._others: OrderedDict[bytes, str] = OrderedDict()
         self._waiting: deque[_Waiting] = deque()
         self._prefixes: tuple[int, frozenset[bytes]] = (0, frozenset())
@@ -73,16 +75,19 @@ class Admission:
         """
         with self._lock:
             matching = {one: name for one, name in nodes.items() if self._matches(name)}
-            self._forget(self._of.pop(owner, set()) - matching.keys())
-            if matching:
-                self._of[owner] = set(matching)
-                self.version += not matching.keys() <= self._known.keys()
+            before = self._of.pop(owner, set())
+            self._forget(before - matching.keys())
+            new = [one for one in matching if one not in self._known][: MAX_KNOWN - len(self._known)]
+            kept = {*new, *(matching.keys() & self._known.keys())}
+            self._tellers.update(kept - before)
+            self._known |= {one: matching[one] for one in kept}
+            self.version += bool(new)
+            if kept:
+                self._of[owner] = kept
             for one, name in nodes.items():
                 self._others.pop(one, None)
-                if one not in matching:
+                if one not in self._known:
                     self._note_other(one, name)
-                elif len(self._known) < MAX_KNOWN:
-                    self._known[one] = name
             self._look_at_waiting()
         return bool(matching)
 
@@ -153,7 +158,9 @@ class Admission:
 
     def _forget(self, endpoints: Iterable[bytes]) -> None:
         for one in endpoints:
-            self._known.pop(one, None)
+            self._tellers[one] -= 1
+            if not self._tellers[one]:
+                del self._tellers[one], self._known[one]
 
     def _has_room(self, size: int) -> bool:
         return len(self._waiting) < MAX_WAITING and size + sum(one.bytes for one in self._waiting) <= (

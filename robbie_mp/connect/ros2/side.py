@@ -139,7 +139,9 @@ class MiddlewareInbox:
         self.unnamed: deque[str] = deque(maxlen=32)
         """Descriptions of strangers, for the module to name in its log; the oldest go first."""
 
-    def put(self, channel: RosChannel, data: bytes, sent_ns: int, sender: bytes = b"") -> None:
+    def put(
+        self, channel: RosChannel, data: bytes, sent_ns: int, sender: bytes = b"", came_ns: int = 0
+    ) -> None:
         """Keep a message for the module; in any thread.
 
         Args:
@@ -147,19 +149,26 @@ class MiddlewareInbox:
             data: the encoded message.
             sent_ns: when its sender says that it has sent it, ns since 1970.
             sender: the publisher; empty: not known.
+            came_ns: when it arrived, by the machine's monotonic clock; 0: now.
         """
+        came_ns = came_ns or time.monotonic_ns()
         if len(data) > self.max_bytes:
             self.oversized += 1
         elif tap := self.taps.get(channel):
-            tap(data, time.monotonic_ns(), sender)
+            tap(data, came_ns, sender)
         elif len(self._waiting) >= self._max_messages or not self._takes(len(data)):
             self.overflowed += 1
         else:
-            self._waiting.append(RosArrival(channel, data, _age_s(sent_ns), time.monotonic_ns()))
+            self._waiting.append(RosArrival(channel, data, _age_s(sent_ns, came_ns), came_ns))
             self._wake()
 
     def put_call(
-        self, service: str, data: bytes, answer: Callable[[bytes], None], sent_ns: int | None = None
+        self,
+        service: str,
+        data: bytes,
+        answer: Callable[[bytes], None],
+        sent_ns: int | None = None,
+        came_ns: int = 0,
     ) -> None:
         """Keep a request for the module, and when its sender says that it has sent it; in any thread."""
         if len(data) > self.max_bytes:
@@ -167,8 +176,9 @@ class MiddlewareInbox:
         elif len(self._calls) >= MAX_CALLS or not self._takes(len(data)):
             self.overflowed += 1
         else:
-            age_s = 0.0 if sent_ns is None else _age_s(sent_ns)
-            self._calls.append(Call(service, data, time.monotonic_ns() - age_s * 1e9, answer))
+            came_ns = came_ns or time.monotonic_ns()
+            age_s = 0.0 if sent_ns is None else _age_s(sent_ns, came_ns)
+            self._calls.append(Call(service, data, came_ns - age_s * 1e9, answer))
             self._wake()
 
     def count_oversized(self) -> None:
@@ -206,9 +216,9 @@ class MiddlewareInbox:
             self._waiting_bytes -= size
 
 
-def _age_s(sent_ns: int) -> float:
+def _age_s(sent_ns: int, came_ns: int) -> float:
     """Return the age of a message that has arrived; infinite if the sender's clock is not as this one."""
-    age_s = (time.time_ns() - sent_ns) * 1e-9
+    age_s = (time.time_ns() - (time.monotonic_ns() - came_ns) - sent_ns) * 1e-9
     return max(0.0, age_s) if age_s > -CLOCKS_DIFFER_S else math.inf
 
 

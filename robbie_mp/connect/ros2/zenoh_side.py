@@ -294,8 +294,10 @@ class ZenohSide:
             return
         sender, sent_ns = (attached.gid, attached.sent_ns) if attached else (b"", 0)
 
+        came_ns = time.monotonic_ns()
+
         def put() -> None:
-            self.inbox.put(channel, sample.payload.to_bytes(), sent_ns, sender)
+            self.inbox.put(channel, sample.payload.to_bytes(), sent_ns, sender, came_ns)
 
         self.admission.take(sender, f"a message on {channel.name}", len(sample.payload), put)
 
@@ -316,7 +318,7 @@ class ZenohSide:
             query.drop()
 
         data = query.payload.to_bytes()
-        put = partial(self.inbox.put_call, name, data, answer, sent_ns or None)
+        put = partial(self.inbox.put_call, name, data, answer, sent_ns or None, time.monotonic_ns())
         self.admission.take(client, f"a request to {name}", len(data), put)
 
 

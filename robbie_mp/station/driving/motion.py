@@ -193,8 +193,9 @@ class RobotMotion:
             except SceneGraphError:
                 continue
             points.append(pose.apply(scan_points(scan).places))
-            rays = np.arange(len(scan.ranges), dtype=np.float64)
-            looks.append(pose.yaw + scan.angle_min + scan.angle_increment * rays)
+            ranges = np.asarray(scan.ranges, np.float64)
+            rays = np.flatnonzero(ranges >= scan.range_min).astype(np.float64)  # others have measured nothing
+            looks.append(np.asarray(pose.yaw + scan.angle_min + scan.angle_increment * rays, np.float64))
             farthest_m = max(farthest_m, scan.range_max)
         if not points:
             return Surroundings()

@@ -104,12 +104,14 @@ class MapCard:
         self._edges.draft(drawing)
         kind = "place" if isinstance(drawing, PointOfInterest) else "no-go area"
         self._open(f"New {kind}", self._name, self._keep)
-        self._name.set_value(self._free_name(kind))
+        free = self._free_name(kind)  # two operators may be offered the same: the server numbers areas itself
+        self._name.set_value("" if isinstance(drawing, NoGoArea) else free)
         self._name.run_method("focus")
         self._name.run_method("select")
         if isinstance(drawing, NoGoArea):
             found = [await asyncio.to_thread(warning, drawing.corners) for warning in self._area_warnings]
-            self._warning.set_text("; ".join(filter(None, found)))
+            if self._draft is drawing:
+                self._warning.set_text("; ".join(filter(None, found)))
 
     def press(self, sent: Any) -> None:
         """Show what can be done with the mark that a page's script says was pressed."""
@@ -123,8 +125,10 @@ class MapCard:
         self._edges.draft(None)
         self._pressed = kind, str(sent.get("name", ""))[:MAX_NAME], place.x_m, place.y_m
         self._name.set_value(self._pressed[1])
-        own = (self._name, self._keep, self._delete) if self._found(self._pressed[1]) is not None else ()
-        self._open(self._pressed[1] or "mark", self._show, *(() if kind == AREA else (self._go,)), *own)
+        is_own = kind in (PLACE, AREA) and self._found(self._pressed[1]) is not None
+        own = (self._name, self._keep, self._delete) if is_own else ()
+        acts = (*(() if kind == AREA else (self._go,)), *own) if self._page.can_command else ()
+        self._open(self._pressed[1] or "mark", self._show, *acts)
         self._keep.set_text("Rename")
 
     def _free_name(self, kind: str) -> str:
@@ -144,8 +148,14 @@ class MapCard:
         name = str(self._name.value or "").strip()
         if self._draft is not None:
             drawing = self._draft
+            if self._found(name) is not None:
+                self._warning.set_text(f"there is a {name} already")
+                return
             self._send(named(drawing, name), f"{name or 'the no-go area'} is saved")
         elif (known := self._found(self._pressed[1])) is not None and name and name != known.name:
+            if self._found(name) is not None:
+                self._warning.set_text(f"there is a {name} already")
+                return
             self._send(named(known, name), f"{known.name} is {name} now", remove=[known.name])
         self.close()
 
@@ -159,13 +169,16 @@ class MapCard:
     def _remove(self) -> None:
         if (known := self._found(self._pressed[1])) is None:
             return
-        self._page.ask(AnnotateMap(remove=[known.name]), "the removal")
+        if self._page.ask(AnnotateMap(remove=[known.name]), "the removal") is None:
+            return
         self._removed = known
         self._open(f"{known.name} is removed", self._undo)
         self._undo_ends.activate()
 
     def _bring_back(self) -> None:
-        if self._removed is not None:
+        if self._removed is not None and self._found(self._removed.name) is not None:
+            ui.notify(f"there is another {self._removed.name} now", type="negative")
+        elif self._removed is not None:
             self._send(self._removed, f"{self._removed.name} is back")
         self.close()
 

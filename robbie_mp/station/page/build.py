@@ -183,7 +183,8 @@ def early(prefix: str) -> str:
 
 
 def _build_name(identity: Identity) -> None:
-    name = ui.label(identity.name).props(f'id=robot-name title="{identity.name}"')
+    name = ui.label(identity.name).props("id=robot-name")
+    name.props["title"] = identity.name
     name.style(f"border-left-color: {identity.colour}")
 
 

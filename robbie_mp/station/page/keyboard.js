@@ -22,6 +22,7 @@ export default {
       if (event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
       if (event.target.closest?.("input, textarea, [contenteditable], .q-dialog, .q-menu")) return;
       const key = event.key.toLowerCase();
+      if (USED[key] && event.target.closest?.(USED[key])) return; // such as the emergency stop that has the focus
       if (key === "?") this.is_open = !this.is_open;
       else if (this.keys.some(([name, , is_own]) => name === key && is_own)) {
         event.preventDefault();
@@ -64,6 +65,7 @@ const ALWAYS = [
   ["Gamepad: X, Y", "Lights, next camera"],
   ["?", "This list"],
 ];
+const USED = { " ": "button, a, [role=button], [role=switch], [role=checkbox]", arrowleft: "[role=slider]", arrowright: "[role=slider]" };
 const NAMES = { "+": "+", "-": "−", " ": "Space", "gamepad 8": "Gamepad: Back" };
 const STOP = "stop";
 // By the button's number on a standard gamepad (W3C Gamepad API): B, X, Y, and Back, Select or Share.

@@ -110,6 +110,9 @@ class Stage:
         self._before = ""
         """The camera that was large before the robot went backwards; '' if it does not."""
         self._is_by_hand = False
+        self._names: list[str] = []
+        self._stays = False
+        """An operator has chosen a camera since the robot last went ahead or stood."""
         self._reverse_s = -math.inf
         self._large: tuple[str, DetectionBoxes] | None = None
         self._small: list[str] = []
@@ -133,14 +136,16 @@ class Stage:
 
     def choose(self, name: str) -> None:
         """Show a camera large."""
-        self._chosen, self._before, self._is_by_hand = name, "", True
+        self._chosen, self._before, self._is_by_hand, self._stays = name, "", True, True
 
     def update(self, movement: Movement, slowed: float = 1.0) -> None:
         """Show the newest pictures and the movement, and how much slower the page drives for old ones."""
         found = self._cameras.found
         names = sorted(found)
-        if names and not self._before and (self._chosen not in found or not self._is_by_hand):
+        is_new = names != self._names and not self._is_by_hand  # a camera that turns stays where it is
+        if names and not self._before and (self._chosen not in found or is_new):
             self._chosen = next((name for name in names if not self._is_rear(name)), names[0])
+        self._names = names
         self._look_back(movement)
         if self._chosen in found:
             self._show_large(self._chosen)
@@ -158,9 +163,11 @@ class Stage:
         if linear is not None and linear < -REVERSES_M_PER_S:
             self._reverse_s = time.monotonic()
             rear = [name for name in sorted(self._looks) if self._is_rear(name)]
-            if not self._before and rear and self._chosen not in rear:
+            if not self._before and not self._stays and rear and self._chosen not in rear:
                 self._before, self._chosen = self._chosen, rear[0]
-        elif self._before:
+            return
+        self._stays = False
+        if self._before:
             goes_ahead = linear is not None and linear > REVERSES_M_PER_S
             if goes_ahead or time.monotonic() - self._reverse_s > LOOKS_BACK_S:
                 self._before, self._chosen = "", self._before

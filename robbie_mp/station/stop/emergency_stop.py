@@ -79,6 +79,8 @@ class EmergencyStopControl:
 
     def _see(self, state: EmergencyStop) -> None:
         self._is_of_log = self._log_source == self._messages.envelope.sender
+        if self._is_of_log:
+            return  # what a base once said confirms no press
         self._requests.see(engaged=state.engaged, published_s=self._messages.envelope.published_ns / 1e9)
 
     @property

@@ -1,5 +1,6 @@
 """Hostile datagrams neither fill the memory of a participant nor end its thread."""
 
+import math
 import os
 import struct
 import time
@@ -9,7 +10,7 @@ from contextlib import closing
 
 import pytest
 
-from robbie_mp.connect.ros2.nodes import MAX_OTHERS, MAX_WAITING, Admission
+from robbie_mp.connect.ros2.nodes import MAX_KNOWN, MAX_OTHERS, MAX_WAITING, Admission
 from robbie_mp.connect.ros2.rtps import wire
 from robbie_mp.connect.ros2.rtps.endpoints import MAX_PEERS, PartBudget, ReliableReader
 from robbie_mp.connect.ros2.rtps.participant import (
@@ -119,6 +120,19 @@ def test_inbox_keeps_few_large_messages() -> None:
     assert inbox.overflowed == 200 - MAX_LARGEST
 
 
+def test_message_that_waited_is_as_old_as_when_it_came() -> None:
+    """A sender whose clock is 1 s ahead is not believed, however long its message waited for a name."""
+    inbox = MiddlewareInbox(10, MAX_BYTES, lambda: None)
+    channel = RosChannel("/cmd_vel", "", "", None)  # type: ignore[arg-type]
+    came_ns = time.monotonic_ns() - 1_200_000_000
+    sent_ns = time.time_ns() - 1_200_000_000
+    inbox.put(channel, b"", sent_ns + 1_000_000_000, came_ns=came_ns)
+    inbox.put(channel, b"", sent_ns - 100_000_000, came_ns=came_ns)
+    ahead, usual = inbox.take()
+    assert ahead.age_s == math.inf
+    assert usual.age_s == pytest.approx(0.1, abs=0.05)
+
+
 @pytest.fixture
 def participant() -> Iterator[Participant]:
     admission = Admission(["/slam"], MAX_BYTES)
@@ -186,6 +200,24 @@ def test_flood_of_names_and_of_messages_without_one_is_bounded() -> None:
     admission.tell(b"slam", {b"slam": "/slam"})
     admission.take(b"slam", "a message", 1, lambda: delivered.append(b"slam"))
     assert delivered == [b"slam"]
+
+
+def test_flood_of_names_that_match_is_bounded() -> None:
+    admission = Admission(["/slam"], MAX_BYTES)
+    for number in range(MAX_KNOWN + 1000):
+        endpoint = number.to_bytes(16, "big")
+        admission.tell(endpoint, {endpoint: "/slam"})
+    assert len(admission._known) == len(admission._of) == MAX_KNOWN
+
+
+def test_node_stays_admitted_though_another_claimed_it_too() -> None:
+    admission = Admission(["/slam"], MAX_BYTES)
+    admission.tell(b"slam", {b"a": "/slam"})
+    admission.tell(b"hostile", {b"a": "/slam"})
+    admission.tell(b"hostile", {})
+    assert admission.admits(b"a")
+    admission.tell(b"slam", {})
+    assert not admission.admits(b"a")
 
 
 def test_what_comes_before_the_name_of_its_node_is_delivered_in_order_once_that_is_known() -> None:
