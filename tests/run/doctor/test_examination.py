@@ -52,7 +52,7 @@ def test_module_that_cannot_be_imported_fails(workspace: Path, capsys: pytest.Ca
             "level": "fail",
             "found": "broken cannot be imported: ModuleNotFoundError: No module named 'no_such_package' "
             "(broken.py:1)",
-            "advice": "install what is missing: pip install",
+            "advice": "install what is missing",
         }
     ]
 
