@@ -171,7 +171,7 @@ modules:
 def test_run_that_ends_while_a_module_starts_for_the_first_time_has_not_failed(robot: Robot) -> None:
     (robot.folder / "zoo" / "late.py").write_text(
         "import time\n\nfrom robbie_mp import Module\n\n\n"
-        "class Late(Module):\n    def setup(self) -> None:\n        time.sleep(30)\n"
+        "class Late(Module):\n    def setup(self) -> None:\n        time.sleep(1.5)\n"  # within its grace
     )
     robot.write_profile("""
 modules:
