@@ -115,9 +115,9 @@ def test_bar_and_its_buttons_stay_at_their_places_in_all_layouts_and_states(
             page.wait_for_function("window.kept_on === 'screen'")
             places = places_of(page)
             page.click("#hold")
+            note = page.wait_for_function(f"() => [({COVERED})()].find((it) => it !== null)?.toString()")
+            assert note.json_value() == "false"  # at once: on a busy machine it may have gone later
             is_controlled(page, "HOLD", "nobody drives")
-            assert page.wait_for_function(f"() => ({COVERED})() !== null")
-            assert page.evaluate(COVERED) is False
             for number, name in enumerate(("Drive", "Mission", "Engineer", "Tablet"), 1):
                 choose_layout(page, number, name)
                 assert places_of(page) == places
