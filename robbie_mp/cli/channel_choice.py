@@ -95,7 +95,9 @@ def choose_channel(name: str, topic: str, types: KnownTypes, channels: Iterable[
             f"topic {on_topic!r} has messages of the types {', '.join(of_topic)}; name one of them, as in "
             f"{of_topic[0]} --topic {on_topic}"
         )
-    return ChannelName(of_topic[0], _version(of_topic[0], types, every), on_topic)
+    return ChannelName(
+        of_topic[0], _version(of_topic[0], types, {one for one in every if one.topic == on_topic}), on_topic
+    )
 
 
 def _known_topic(name: str, channels: Iterable[ChannelName]) -> str:
@@ -142,10 +144,12 @@ def unknown_names(run: KnownRun, patterns: Iterable[str]) -> list[str]:
 
 
 def _version(type_name: str, types: KnownTypes, channels: Iterable[ChannelName]) -> int:
+    used = {one.version for one in channels if one.type_name == type_name}
     try:
-        return types.describe(type_name).version
+        newest = types.describe(type_name).version
     except UnknownType:
-        return max((one.version for one in channels if one.type_name == type_name), default=1)
+        return max(used, default=1)
+    return newest if newest in used or not used else max(used)  # a run knows versions that nobody uses
 
 
 def short_name(type_name: str) -> str:

@@ -57,7 +57,7 @@ def echo(arguments: argparse.Namespace) -> int:
     """Print messages until the run ends or the user presses Ctrl-C."""
     run = choose_run(arguments.run)
     types, channel = choose_messages(run, arguments)
-    message_type = types.get(channel.type_name)
+    message_type = types.get(channel.type_name, channel.version)
     field = FieldPath(message_type, arguments.field)
     purpose = f"robbie echo {channel.type_name}" + (f" --topic {channel.topic}" if channel.topic else "")
     if not arguments.once:

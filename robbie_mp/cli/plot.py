@@ -132,7 +132,7 @@ def find_curve(name: str, types: KnownTypes, channels: Sequence[ChannelName]) ->
         except NoSuchMessages as error:
             problem = problem if number else error
             continue
-        message_type = types.get(channel.type_name)
+        message_type = types.get(channel.type_name, channel.version)
         read = _reader(message_type, number_field(message_type, path))
         return Curve(channel, path, read, PlotSeries(name))
     raise problem

@@ -86,7 +86,7 @@ def pub(arguments: argparse.Namespace) -> int:
     """Publish; 1 if a message was refused because the robot's memory or tables are full."""
     run = choose_run(arguments.run)
     types, channel = choose_messages(run, arguments)
-    message = message_of_yaml(types.get(channel.type_name), arguments.message)
+    message = message_of_yaml(types.get(channel.type_name, channel.version), arguments.message)
     check_well_formed(message)
     count = 1 if arguments.rate is None else arguments.count
     published = refused = 0

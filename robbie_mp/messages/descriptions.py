@@ -150,7 +150,10 @@ class KnownTypes:
             SchemaError: the description is not understood.
         """
         found = self.find(name)
-        if version is not None and (newest := self.describe(found).version) != version:
+        newest = self.describe(found).version
+        if version not in (None, newest):
+            if schema := self._versions.get((found, version)):
+                return message_type_from_schema(found, schema, version)
             raise UnknownType(f"version {version} of {found} is not known here, only version {newest}")
         if own := self._own.get(found):
             return message_type_from_schema(own.name, own.schema, own.version)

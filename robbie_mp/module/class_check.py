@@ -142,9 +142,10 @@ def _leaves_out_context(cls: type, constructor: FunctionType) -> bool:
         return False
     calls = {
         ast.unparse(call)
-        for one in ast.walk(_tree(owner))
+        for body in _tree(owner).body
+        for one in getattr(body, "body", ())  # not the constructors of classes inside it
         if isinstance(one, ast.FunctionDef) and one.name == "__init__"
-        for call in ast.walk(one)
+        for call in _of_the_module(one, in_method=True)
         if isinstance(call, ast.Call)
     }
     return "super().__init__()" in calls
@@ -159,20 +160,33 @@ def _flaws_of_period(
             period_s = vars(one)["period_s"]
             if isinstance(period_s, str | Real) and not is_span(period_s):
                 yield CodeFlaw(*_place_in(one, "period_s"), period_flaw(cls, period_s))
+            elif one is not cls:
+                pass  # the period of a base that some derived classes need, and others do not
             elif period_s is not None and cls.tick is Module.tick and not _uses_period(cls, own, may_set):
                 yield CodeFlaw(*_place_in(one, "period_s"), _no_tick(cls, own))
             return
     if cls.tick is not Module.tick and is_of_author(place_of(cls.tick)[0]):
-        bases = cls.__mro__[: cls.__mro__.index(Module)]
+        bases = [one for one in cls.__mro__ if one not in Module.__mro__]  # also mix-ins behind Module
         is_set = any("period_s" in vars(one) for one in bases) or _set_by(cls, bases)("period_s")
+        is_set = is_set or _gives_itself_away(bases)
         if not is_set:
             yield CodeFlaw(*place_of(cls.tick), tick_without_period(cls))
 
 
 def _uses_period(cls: type, own: Sequence[type], may_set: Callable[[str], bool]) -> bool:
     """Whether code of the author's reads `period_s`, has a timer, or sets `tick` while it runs."""
-    names = {node.attr for one in own for node in ast.walk(_tree(one)) if isinstance(node, ast.Attribute)}
-    return may_set("tick") or not names.isdisjoint(("period_s", "every"))
+    nodes = [node for one in own for node in ast.walk(_tree(one))]
+    names = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+    names |= {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+    names |= {str(node.value) for node in nodes if isinstance(node, ast.Constant)}  # as in getattr
+    return may_set("tick") or not names.isdisjoint(("period_s", "every")) or _gives_itself_away(own)
+
+
+def _gives_itself_away(own: Sequence[type]) -> bool:
+    """Whether a method gives `self` to other code, which may set, read and call what it likes."""
+    nodes = (node for one in own for node in ast.walk(_tree(one)) if isinstance(node, ast.Call))
+    given = (one for node in nodes for one in (*node.args, *(word.value for word in node.keywords)))
+    return any(_is_self(one) for one in given)
 
 
 def _no_tick(cls: type, own: Sequence[type]) -> str:
@@ -210,7 +224,7 @@ def _flaws_of_calls(cls: type, own: type, may_set: Callable[[str], bool]) -> Ite
     """Find handlers and topics in a class body that cannot be used."""
     file, first = place_of(own)
     for node in (node for body in _tree(own).body for node in _of_the_module(body)):
-        for method in _methods_replaced_by(node):
+        for method in _methods_replaced_by(cls, own, node):
             text = f"self.{method.attr} is a method of Module, and no place for a value; use another name"
             yield CodeFlaw(file, first + method.lineno - 1, text)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and _is_self(node.func.value):
@@ -224,16 +238,21 @@ def _flaws_of_calls(cls: type, own: type, may_set: Callable[[str], bool]) -> Ite
             yield from (CodeFlaw(file, first + node.lineno - 1, f"{verb}: {text}") for text in texts if text)
 
 
-def _methods_replaced_by(node: ast.AST) -> Iterator[ast.Attribute]:
-    """Yield the methods of `Module` in whose place an assignment puts a constant."""
+def _methods_replaced_by(cls: type, own: type, node: ast.AST) -> Iterator[ast.Attribute]:
+    """Yield the methods of `Module` that are called in whose place an assignment puts a constant."""
     if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant):
         for one in node.targets:
-            if isinstance(one, ast.Attribute) and _is_self(one.value) and _is_ours(one.attr):
+            if isinstance(one, ast.Attribute) and _is_self(one.value) and _is_called(cls, own, one.attr):
                 yield one
 
 
-def _is_ours(name: str) -> bool:
-    return isinstance(vars(Module).get(name), FunctionType)
+def _is_called(cls: type, own: type, name: str) -> bool:
+    """Whether a name is a method of `Module` that the framework or the class calls, and no property."""
+    found = inspect.getattr_static(cls, name, None)
+    if not isinstance(vars(Module).get(name), FunctionType) or not isinstance(found, FunctionType):
+        return False
+    calls = (node.func for node in ast.walk(_tree(own)) if isinstance(node, ast.Call))
+    return name in HOOKS or any(ast.unparse(one) == f"self.{name}" for one in calls)
 
 
 def _flaw_of_arguments(verb: str, call: ast.Call) -> str:
@@ -364,4 +383,4 @@ def place_of(made: Any) -> tuple[str, int]:
     try:
         return inspect.getsourcefile(made) or "", max(1, inspect.getsourcelines(made)[1])
     except (OSError, TypeError):
-        return getattr(sys.modules.get(made.__module__), "__file__", None) or "", 0
+        return getattr(sys.modules.get(getattr(made, "__module__", "")), "__file__", None) or "", 0

@@ -13,6 +13,7 @@ from pathlib import Path
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.messages import Message, SchemaError, schema_parser
 from robbie_mp.messages.descriptions import TypeDescription
+from robbie_mp.messages.schema import schema_text
 from robbie_mp.messages.stock.registry import is_stock
 from robbie_mp.messages.versions import layout_difference
 from robbie_mp.module.class_check import place_of
@@ -75,8 +76,9 @@ class DeclaredTypes:
         self._known[name, version] = schema
         try:
             difference = layout_difference(message_type, schema)
-        except SchemaError as error:
-            difference = str(error)
+        except SchemaError as error:  # such as a default that is too long to be read again
+            is_same = _declarations(schema) == _declarations(schema_text(message_type))
+            difference = "" if is_same else str(error)
         if not difference:
             return ""
         return (
@@ -91,3 +93,8 @@ class DeclaredTypes:
             learn_type(self._folder, TypeDescription.of(message_type))
         except OSError as error:
             self._log.warning("recorders and tools do not learn %s: %s", message_type.type_name, error)
+
+
+def _declarations(schema: str) -> list[list[str]]:
+    """Return types and names of the lines of a schema, without the defaults."""
+    return [line.split(" ")[:2] for line in schema.split("\n")]

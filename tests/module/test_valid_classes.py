@@ -144,9 +144,62 @@ def made_here(*, other: bool) -> type[Module]:
     return Node
 
 
+class House(Module):
+    period_s = 0.1
+
+
+class OnlyListens(House):
+    def setup(self) -> None:
+        self.subscribe(LaserScan, plain)
+
+
+class InnerConstructor(Module):
+    class Worker(Thread):
+        def __init__(self) -> None:
+            super().__init__()
+
+    def __init__(self, context: Any) -> None:
+        super().__init__(context)
+        self.worker = self.Worker()
+
+
+class Rate:
+    def set_rate(self, rate_hz: float) -> None:
+        self.period_s = 1 / rate_hz
+
+
+class MixinBehind(Module, Rate):
+    def setup(self) -> None:
+        self.set_rate(10.0)
+
+    def tick(self) -> None: ...
+
+
+def slow_down(module: Module) -> None:
+    module.period_s = 0.5
+
+
+class SetByAHelper(Module):
+    def setup(self) -> None:
+        slow_down(self)
+
+    def tick(self) -> None: ...
+
+
+class PeriodInTheBody(Module):
+    period_s = 0.1
+    rate_hz = 1 / period_s
+
+
+class OwnName(Module):
+    def setup(self) -> None:
+        self.call = None  # type: ignore[assignment]
+
+
 @pytest.mark.parametrize(
     "module",
     [
+        OnlyListens, InnerConstructor, MixinBehind, SetByAHelper, PeriodInTheBody, OwnName,
         InnerClass, InnerSelf, SetWithAType, SetTogether, Placeholder, SetByName, PeriodOfTimer,
         TickSetInSetup, AnyName, Partial, Property,
         DecoratedConstructor, made_here(other=True), made_here(other=False),

@@ -6,11 +6,13 @@ from typing import Any, cast
 import pytest
 
 from robbie_mp import Header, Message, float64, uint8
+from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.cli.channel_choice import choose_channel
 from robbie_mp.messages import LaserScan, UnknownType
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.messages.message import MessageType
 from robbie_mp.run.declared_types import ChangedType, DeclaredTypes
-from robbie_mp.run.learnt_types import learnt_types
+from robbie_mp.run.learnt_types import learn_type, learnt_types
 
 
 def pair(version: int = 1, **fields: Any) -> type[Message]:
@@ -61,10 +63,11 @@ def test_each_version_is_learnt_and_then_stays(tmp_path: Path) -> None:
 
     known = KnownTypes([*planned, *(TypeDescription(*one) for one in learnt_types(tmp_path))])
     assert known.describe("team_msgs/Pair").version == 2
+    assert str(known.get("team_msgs/Pair", 1)(left=1.0)).startswith("Pair(left=1.0")
     with pytest.raises(
-        UnknownType, match="version 1 of team_msgs/msg/Pair is not known here, only version 2"
+        UnknownType, match="version 3 of team_msgs/msg/Pair is not known here, only version 2"
     ):
-        known.get("team_msgs/Pair", 1)
+        known.get("team_msgs/Pair", 3)
     assert [known.schema("team_msgs/msg/Pair", one) for one in (1, 2, 3)] == [
         "float64 left\nfloat64 right\n",
         "float64 right\nfloat64 left\n",
@@ -105,3 +108,16 @@ def test_other_default_or_text_of_the_same_fields_is_accepted_and_stock_types_ar
     types.declare(Here)
     types.declare(LaserScan)
     assert not learnt_types(tmp_path)
+
+
+def test_version_that_is_used_is_chosen_and_not_one_of_before(tmp_path: Path) -> None:
+    """A class was raised to version 2 with --reload, and taken back."""
+    DeclaredTypes(tmp_path, []).declare(pair(2, right=float64, left=float64))
+    known = KnownTypes([TypeDescription.of(PAIR), *(TypeDescription(*one) for one in learnt_types(tmp_path))])
+    used = ChannelName("team_msgs/msg/Pair", 1, "pair")
+    assert choose_channel("pair", "", known, {used}) == used
+
+
+def test_bridge_may_describe_what_a_module_has_taught_the_run(tmp_path: Path) -> None:
+    DeclaredTypes(tmp_path, []).declare(PAIR)
+    assert learn_type(tmp_path, TypeDescription.of(PAIR)._replace(python_module=""))

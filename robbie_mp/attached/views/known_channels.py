@@ -13,4 +13,5 @@ def channels_of_run(run: KnownRun) -> set[ChannelName]:
     with closing(RunObserver(run.run_id)) as observer:
         routed = {ChannelName(one.type_name, one.version, one.topic) for one in observer.channels()}
     declared = {entry.name for entry in read_declarations(run.run_id) if not entry.is_by_patterns}
-    return routed | declared
+    current = {(one.type_name, one.topic) for one in declared}  # so another version there is of the past
+    return declared | {one for one in routed if (one.type_name, one.topic) not in current}

@@ -434,7 +434,9 @@ class FoxgloveServer(Module):
                     self.log.warning("%s on '%s' is not shown in Foxglove", name.type_name, name.topic)
             return None
         try:
-            rename: Rename = self._frames.outward(self._types.get(name.type_name)) if self.frames else bytes
+            rename: Rename = (
+                self._frames.outward(self._types.get(name.type_name, name.version)) if self.frames else bytes
+            )
         except MessageError as error:
             self._unknown.add(name)
             self.log.warning("%s on '%s' is not shown in Foxglove: %s", name.type_name, name.topic, error)

@@ -68,5 +68,7 @@ def translation_of(channel: LogChannel, types: RunTypes) -> Translation:
     ours = types.describe(channel.type_name)
     if ours is None or (ours.version, ours.schema) == (channel.version, channel.schema):
         return as_they_are
-    decoder = VersionDecoder(types.load(channel.type_name), channel.version, channel.schema)
-    return as_they_are if channel.version == ours.version else Translation(ours.version, decoder)
+    message_type = types.load(channel.type_name)  # which may have gone back to an older version
+    decoder = VersionDecoder(message_type, channel.version, channel.schema)
+    is_ours = channel.version == message_type.version
+    return as_they_are if is_ours else Translation(message_type.version, decoder)

@@ -75,7 +75,10 @@ class Program(Module):
             # Of the workspace, the process that checks a profile knows no more than that it imports from it.
             folders = [settings["folder"]] if settings["folder"] else [Path.cwd(), *map(Path, sys.path)]
             places = [folder / command[0] for folder in folders]
-            if not any(shutil.which(place) for place in places):
+            may_come = not any(
+                place.parent.is_dir() for place in places
+            )  # such as a disk that is mounted later
+            if not (may_come or any(shutil.which(place) for place in places)):
                 found = next((place for place in places if place.is_file()), None)
                 remedy = f"; `chmod +x {found}` makes it one" if found else ""
                 raise SettingError(f"there is no program {command[0]!r}{remedy}", "command")
