@@ -1,6 +1,7 @@
 """Two laptops are connected to one robot; the pages of both show who drives, and both stop the robot."""
 
 import subprocess
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -158,7 +159,20 @@ def page_address(laptop: "subprocess.Popen[str]") -> str:
 
 
 def held(page: Page, key: str, happens: Any) -> None:
-    """Hold a key until something happens; it stays held."""
+    """Hold a key until something happens; it stays held.
+
+    A page that has lost control once, as on a busy machine, has the operator take hold again.
+    """
     page.bring_to_front()
     page.keyboard.down(key)
-    wait_until(happens)
+    again_s = time.monotonic() + 5.0
+
+    def has_happened() -> bool:
+        nonlocal again_s
+        if not happens() and time.monotonic() > again_s:
+            page.keyboard.up(key)
+            page.keyboard.down(key)
+            again_s = time.monotonic() + 5.0
+        return bool(happens())
+
+    wait_until(has_happened)
