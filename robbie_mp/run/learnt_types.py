@@ -43,7 +43,7 @@ def learn_type(run_directory: Path, entry: Entry) -> bool:
     try:
         os.link(unfinished, path)  # whole, and only if there is none
     except FileExistsError:
-        return _read(path)[:3] == entry[:3]  # whoever has learnt it, a module or a bridge
+        return _read(path)[:3] == entry[:3]  # a bridge names no Python module
     finally:
         unfinished.unlink()
     return True

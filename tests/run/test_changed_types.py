@@ -25,7 +25,7 @@ from robbie_mp import Module
 from pair import Pair
 
 
-class Speaker(Module):
+class PairSource(Module):
     period_s = 0.01
 
     def tick(self):
@@ -36,7 +36,7 @@ from robbie_mp import Module
 from pair import Pair
 
 
-class Listener(Module):
+class PairSink(Module):
     def setup(self):
         self.right = self.wrong = 0
         self.subscribe(Pair, self.on_pair)
@@ -49,8 +49,8 @@ class Listener(Module):
 """
 PROFILE = """
 modules:
-  speaker: {class: "speaker:Speaker", restart: {max_restarts: 1, retry_s: 0}}
-  listener: {class: "listener:Listener"}
+  speaker: {class: "speaker:PairSource", restart: {max_restarts: 1, retry_s: 0}}
+  listener: {class: "listener:PairSink"}
 """
 SCRIPT = """
 import robbie_mp

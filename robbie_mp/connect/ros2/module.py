@@ -314,7 +314,7 @@ class Ros2Bridge(ClockSource):
                 self.desk.offer(name, SET_BOOL, partial(self._stop_or_release, self._stop))
 
     def _observe(self, around: BridgeRun) -> None:
-        """Begin to watch the run: who controls the robot, and for /rosout and /diagnostics."""
+        """Start watching who controls the robot, and what goes to /rosout and /diagnostics."""
         self._gate = GoalGate(self, self.map.incoming)
         self._trace: TraceLines | None = None
         self._diagnosis: Diagnosis | None = None

@@ -54,9 +54,9 @@ class Admission:
         self.unnamed: deque[str] = deque(maxlen=32)
         self._known: dict[bytes, str] = {}
         self._of: dict[bytes, set[bytes]] = {}
-        """Endpoints of nodes that match, by who has told of them."""
+        """The admitted endpoints that each participant or session has announced."""
         self._tellers: Counter[bytes] = Counter()
-        """By how many each of them was told."""
+        """How many participants or sessions have announced each of them."""
         self._others: OrderedDict[bytes, str] = OrderedDict()
         self._waiting: deque[_Waiting] = deque()
         self._prefixes: tuple[int, frozenset[bytes]] = (0, frozenset())
@@ -92,7 +92,7 @@ class Admission:
         return bool(matching)
 
     def forget(self, owner: bytes) -> None:
-        """Forget what a participant or session has told."""
+        """Drop the endpoints that a participant or session has announced."""
         with self._lock:
             self._forget(self._of.pop(owner, set()))
 

@@ -186,7 +186,7 @@ class PartBudget:
         self._sizes: dict[bytes, int] = {}
 
     def note(self, sender: bytes, proxy: "_WriterProxy", sequence: int, size: int) -> None:
-        """Note that so many further bytes of a message have come from a participant."""
+        """Count further bytes of an incomplete message from a participant."""
         self._kept.setdefault(sender, OrderedDict())[id(proxy), sequence] = proxy
         self._sizes[sender] = self._sizes.get(sender, 0) + size
         while sum(self._sizes.values()) > self._max_bytes:
