@@ -36,6 +36,8 @@ class Mine(Module):
     laser: RpLidar
     explorer: Explorer
 
+    def tick(self) -> None: ...
+
 
 def range_m(mapping: Mapping) -> str:
     return mapping.max_range_m
