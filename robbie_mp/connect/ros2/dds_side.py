@@ -20,7 +20,7 @@ from robbie_mp.base.extras import how_to_install
 from robbie_mp.connect.ros2.idl_types import raw_type, sample_of, topic_of
 from robbie_mp.connect.ros2.nodes import Admission
 from robbie_mp.connect.ros2.rtps import wire
-from robbie_mp.connect.ros2.rtps.participant import NoInterface
+from robbie_mp.connect.ros2.rtps.participant import NoInterface, RemoteEndpoint
 from robbie_mp.connect.ros2.rtps.services import FEEDBACK, DdsServices
 from robbie_mp.connect.ros2.side import (
     RESPONSE_LIMIT_S,
@@ -73,6 +73,8 @@ LOOK_NS = 1_000_000_000
 MAX_ENDPOINTS = 1000
 MAX_LOOKED_AT = 16
 """Most new endpoints of each kind that are read at once."""
+FORGOTTEN_AFTER_LOOKS = 400
+"""A publisher that has gone is forgotten after more looks than a lease can last: then it is not just late."""
 IGNORED_AFTER_LOOKS = 5
 """A publisher counts as ignored by CycloneDDS once it has been missing there at this many looks in a row."""
 REFUSAL = "CycloneDDS ignores a publisher of {}; restart this module (see docs/ros2.md)"
@@ -107,7 +109,7 @@ class DdsSide:
     Args:
         node: the node's name.
         inbox: where messages go.
-        types: returns the class of a type's messages.
+        types: returns the class of a channel's messages.
         interface: the network interface to use; on `lo`, only nodes of this machine are found.
         admission: which nodes it deals with; CycloneDDS cannot keep others from reading what it sends.
 
@@ -117,7 +119,7 @@ class DdsSide:
 
     node: NodeName
     inbox: MiddlewareInbox
-    types: "Callable[[str], type[Message]]"
+    types: "Callable[[RosChannel], type[Message]]"
     interface: str = LOOPBACK
     admission: Admission = field(default_factory=lambda: Admission(["*"], 0))
     incompatible: int = 0
@@ -140,8 +142,8 @@ class DdsSide:
     """What endpoints of others say, by their GUIDs; the oldest go first."""
     _channels: int = 0
     """Number of channels with which they were compared."""
-    _seen: set[bytes] = field(default_factory=set)
-    """Publishers that CycloneDDS knows, on the topics of `_asked`."""
+    _seen: dict[bytes, int] = field(default_factory=dict)
+    """Publishers that CycloneDDS has found on the topics of `_asked`, with the looks since they have gone."""
     _looked_ns: int = 0
     _unknown: dict[bytes, int] = field(default_factory=dict)
     """Publishers that CycloneDDS does not know, with the number of looks."""
@@ -331,8 +333,11 @@ class DdsSide:
         if time.monotonic_ns() - self._looked_ns >= LOOK_NS:
             self._looked_ns = time.monotonic_ns()
             self._forget_names()
+            publishers = self._services.publishers() if self._services is not None else []
+            self._forget_seen({one.guid for one in publishers})
             # Before all new ones were read, one that CycloneDDS knows may be missing.
-            ignored = self._ignored() if is_complete and len(self._seen) < MAX_ENDPOINTS else []
+            is_complete = is_complete and len(self._seen) < MAX_ENDPOINTS
+            ignored = self._ignored(publishers) if is_complete else []
             self.refusal = REFUSAL.format(", ".join(ignored)) if ignored else ""
         readers = sum(one.get_requested_incompatible_qos_status().total_count for one in self._readers)
         writers = self._writers.values()
@@ -361,7 +366,7 @@ class DdsSide:
                 self._others[one.key.bytes] = endpoint
                 self._compare(one.key.bytes, endpoint)
                 if is_writer and one.topic_name in self._asked and len(self._seen) < MAX_ENDPOINTS:
-                    self._seen.add(one.key.bytes)
+                    self._seen[one.key.bytes] = 0
                 if len(self._others) > MAX_ENDPOINTS:
                     self._others.popitem(last=False)
         channels = len(self._asked) + len(self._heard) + len(self._offered)
@@ -395,9 +400,13 @@ class DdsSide:
             shown = b" ".join(endpoint.hashes).decode(errors="replace")
             self.inbox.put_stranger(f"{channel.name} has the type {endpoint.type_name} {shown}".rstrip())
 
-    def _ignored(self) -> list[str]:
-        """Return the topics that have publishers which CycloneDDS ignores."""
-        publishers = self._services.publishers() if self._services is not None else []
+    def _forget_seen(self, there: set[bytes]) -> None:
+        """Forget publishers that have gone a while ago."""
+        looks = {key: 0 if key in there else count + 1 for key, count in self._seen.items()}
+        self._seen = {key: count for key, count in looks.items() if count < FORGOTTEN_AFTER_LOOKS}
+
+    def _ignored(self, publishers: list[RemoteEndpoint]) -> list[str]:
+        """Return the topics that have publishers which CycloneDDS ignores, of these publishers."""
         missing = [
             one
             for one in publishers
@@ -416,8 +425,7 @@ class DdsSide:
         self._domain._delete(self._domain._ref)
 
     def _topic(self, channel: RosChannel) -> tuple[Any, type[Message]]:
-
-        message_type = self.types(channel.type_name)
+        message_type = self.types(channel)
         return topic_of(self._participant, f"rt{channel.name}", raw_type(message_type)), message_type
 
     def _with_services(self) -> DdsServices:

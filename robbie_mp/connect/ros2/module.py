@@ -203,12 +203,13 @@ class Ros2Bridge(ClockSource):
         self._observer = RunObserver(self.run_id) if self.run_id else None
         self.sent = self.received = self.withheld = self.unknown = 0
         self.malformed = self.late = self.refused = 0
-        self._channels: dict[tuple[str, int, str], tuple[RosChannel, Rename] | None] = {}
+        self._forget_channels()
+        self._versions: dict[str, int] = {}
+        """Which version of its type each name in ROS belongs to: nodes cannot tell others apart."""
         self._ages = AgeLog(self.log, FAR)
         self._frames = FrameMap(self.frames)
         self._named: set[str] = set()
         self._own_types = {one.type_name: one for one in (CLOCK, DIAGNOSTICS, STATUSES)}
-        self._shown_at_ns = 0
         self._run_clock = RunClock.attach(self.run_id) if around.has_own_clock else None
         self.ros_time: RosTime | None = None
         self._is_described = self.urdf is None
@@ -319,7 +320,7 @@ class Ros2Bridge(ClockSource):
         self._trace: TraceLines | None = None
         self._diagnosis: Diagnosis | None = None
         self._before: RunReading | None = None
-        self._looked_at_ns = 0
+        self._looked_at_ns = self._shown_at_ns = 0
         if self.rosout and around.output is not None:
             self._trace = TraceLines(around.output)
             self._rosout = self._own(Log, ROSOUT, Quality(is_latched=True, depth=ROSOUT_DEPTH))
@@ -340,8 +341,9 @@ class Ros2Bridge(ClockSource):
         clock = self._run_clock
         return clock.now_ns() if clock is not None and clock.has_begun else self.clock.now_ns()
 
-    def _type(self, type_name: str) -> type[Message]:
-        return self._own_types.get(type_name) or self._types.get(type_name)
+    def _type(self, channel: RosChannel) -> type[Message]:
+        own = self._own_types.get(channel.type_name) or self._sent_types.get(channel)
+        return own or self._types.get(channel.type_name)
 
     def _own(self, message_type: type[Message], name: str, quality: Quality) -> RosChannel:
         """Return a channel of the bridge's own messages."""
@@ -370,7 +372,7 @@ class Ros2Bridge(ClockSource):
         key = (message.type_name, message.version, envelope.topic)
         if key not in self._channels:
             if len(self._channels) >= MAX_REMEMBERED:
-                self._channels.clear()
+                self._forget_channels()
             self._channels[key] = self._channel(*key)
         found = self._channels[key]
         if found is None:
@@ -386,6 +388,10 @@ class Ros2Bridge(ClockSource):
         self.side.send(channel, data)
         self.sent += 1
 
+    def _forget_channels(self) -> None:
+        self._channels: dict[tuple[str, int, str], tuple[RosChannel, Rename] | None] = {}
+        self._sent_types: dict[RosChannel, type[Message]] = {}
+
     def _channel(self, type_name: str, version: int, topic: str) -> tuple[RosChannel, Rename] | None:
         """Return how messages are sent, and what renames their frames; None if they cannot be sent."""
         sent_as = self.map.sent_as(type_name, topic)
@@ -393,18 +399,20 @@ class Ros2Bridge(ClockSource):
             self._name(f"{type_name} on {topic!r} is not sent: its name in ROS belongs to another type")
             return None
         try:
-            message_type = self._types.get(type_name)
+            message_type = self._types.get(type_name, version)
         except (UnknownType, MessageError) as error:
             self._name(f"{type_name} on {topic!r} is not sent: {error}")
             return None
-        if message_type.version != version:
-            self._name(f"{type_name} on {topic!r} is not sent: version {version} is not known here")
+        if (first := self._versions.setdefault(sent_as.name, version)) != version:
+            is_taken = f"its name in ROS belongs to version {first}, and this is version {version}"
+            self._name(f"{type_name} on {topic!r} is not sent: {is_taken}")
             return None
         quality = sent_as.quality
         if self._observer is not None and not quality.is_latched:
             latched = {(one.type_name, one.version, one.topic) for one in self._observer.latched()}
             quality = replace(quality, is_latched=(type_name, version, topic) in latched)
         channel = RosChannel(sent_as.name, type_name, type_hash(message_type), quality)
+        self._sent_types[channel] = message_type
         return channel, self._frames.outward(message_type)
 
     # -- from ROS 2 to this robot ------------------------------------------------------------------------

@@ -18,6 +18,12 @@ MAX_OTHERS: Final = 1024
 """Most endpoints of other nodes whose names are remembered, for the trace; the oldest goes first."""
 MAX_WAITING: Final = 64
 """Most messages and requests that wait until their node is known."""
+MAX_OF_ONE: Final = 16
+"""Most of them from one participant."""
+ALL_SENDERS: Final = 4
+"""All that waits has at most this many times the bytes that a participant may have there."""
+PREFIX_BYTES: Final = 12
+"""An endpoint of DDS is known by its participant and its number there; one of Zenoh only by itself."""
 NAME_WAIT_S: Final = 2.0
 """How long they wait."""
 NAMELESS: Final = "a node that does not tell its name"
@@ -28,9 +34,14 @@ class _Waiting(NamedTuple):
 
     sender: bytes
     what: str
-    bytes: int
+    size: int
     deliver: Callable[[], None]
     until_s: float
+
+    @property
+    def owner(self) -> bytes:
+        """The participant of the endpoint."""
+        return self.sender[:PREFIX_BYTES]
 
 
 class Admission:
@@ -38,7 +49,7 @@ class Admission:
 
     Args:
         patterns: shell patterns of full names, as `/slam/*`.
-        max_bytes: most bytes that wait until their node is known.
+        max_bytes: most bytes of one participant that wait until their node is known.
 
     Attributes:
         is_open: whether all nodes match.
@@ -130,11 +141,13 @@ class Admission:
         with self._lock:
             if sender in self._known:
                 deliver()
-            elif sender in self._others or not self._has_room(size):
+                return
+            until_s = time.monotonic() + NAME_WAIT_S
+            one = _Waiting(sender, what, size, deliver, until_s)
+            if sender in self._others or not self._make_room(one):
                 self.refuse(sender, what)
             else:
-                until_s = time.monotonic() + NAME_WAIT_S
-                self._waiting.append(_Waiting(sender, what, size, deliver, until_s))
+                self._waiting.append(one)
 
     def refuse(self, sender: bytes, what: str) -> None:
         """Count what another node has sent."""
@@ -162,10 +175,32 @@ class Admission:
             if not self._tellers[one]:
                 del self._tellers[one], self._known[one]
 
-    def _has_room(self, size: int) -> bool:
-        return len(self._waiting) < MAX_WAITING and size + sum(one.bytes for one in self._waiting) <= (
-            self._max_bytes
-        )
+    def _make_room(self, new: _Waiting) -> bool:
+        """Whether something more may wait; if too much does, who has most of it there loses its oldest.
+
+        So no participant can keep the others out.
+        """
+        shares: dict[bytes, list[_Waiting]] = {}
+        for one in (*self._waiting, new):
+            shares.setdefault(one.owner, []).append(one)
+        own = shares[new.owner]
+        if self._share(own) > 1.0:
+            return False
+        while self._is_too_much([one for some in shares.values() for one in some]):
+            most = max(shares.values(), key=self._share)
+            if self._share(most) <= self._share(own):
+                return False
+            oldest = most.pop(0)
+            self._waiting.remove(oldest)
+            self.refuse(oldest.sender, oldest.what)
+        return True
+
+    def _is_too_much(self, some: Sequence[_Waiting]) -> bool:
+        return len(some) > MAX_WAITING or sum(one.size for one in some) > ALL_SENDERS * self._max_bytes
+
+    def _share(self, some: Sequence[_Waiting]) -> float:
+        """Return how much of what a participant may have waiting this is."""
+        return max(len(some) / MAX_OF_ONE, sum(one.size for one in some) / max(1, self._max_bytes))
 
     def _look_at_waiting(self) -> None:
         now_s = time.monotonic()

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from robbie_mp import ModuleHarness
-from robbie_mp.connect.ros2.dds_side import NODES
+from robbie_mp import Message, ModuleHarness, float64, uint8
+from robbie_mp.connect.ros2 import dds_side
+from robbie_mp.connect.ros2.dds_side import NODES, DdsSide
 from robbie_mp.connect.ros2.idl_types import raw_type
 from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.connect.ros2.padding import unpadded
@@ -16,6 +17,7 @@ from robbie_mp.connect.ros2.rtps.participant import Participant
 from robbie_mp.connect.ros2.side import Ros2Unavailable
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import DecodeError, String
+from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.messages.stock.registry import stock_registry
 from tests.connect.ros2._support.ros_nodes import until
 
@@ -50,13 +52,49 @@ def test_what_tells_of_nodes_is_the_type_that_ros_uses() -> None:
 
 
 @pytest.mark.slow
-def test_publisher_that_cyclonedds_ignores_is_named_until_it_goes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_publisher_that_cyclonedds_ignores_is_named_until_it_goes_also_after_many_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(dds_side, "MAX_ENDPOINTS", 3)
+    monkeypatch.setattr(dds_side, "FORGOTTEN_AFTER_LOOKS", 2)
     settings = {**SETTINGS, "accept": {"/text": "String"}, "emergency_stop": "engage"}
     whole = wire.parameter_list
     with ModuleHarness(Ros2Bridge, settings) as bridge:
+        side = bridge.module.side
+        assert isinstance(side, DdsSide)
+        with closing(Participant(SETTINGS["domain"], "lo", lambda _: False)) as other:
+            for _ in range(4):
+                other.add_writer("rt/text", "std_msgs::msg::dds_::String_", b"")
+            until(bridge, lambda: len(side._seen) == 3)
+        until(bridge, lambda: not side._seen)
         wrong = [(TYPE_INFORMATION, b"\xff" * 8)]
         monkeypatch.setattr(wire, "parameter_list", lambda told: whole([*told, *wrong]))
         with closing(Participant(SETTINGS["domain"], "lo", lambda _: False)) as other:
             other.add_writer("rt/text", "std_msgs::msg::dds_::String_", b"")
             until(bridge, lambda: "CycloneDDS ignores a publisher of /text" in bridge.module.degraded)
         until(bridge, lambda: not bridge.module.degraded)
+
+
+class OldGas(Message, name="nose_msgs/msg/Gas"):
+    ppm: uint8
+
+
+class NewGas(Message, name="nose_msgs/msg/Gas", version=2):
+    ppm: float64
+
+
+@pytest.mark.parametrize("first, second", [(OldGas, NewGas), (NewGas, OldGas)])
+def test_message_is_sent_as_the_version_that_it_has_and_a_name_belongs_to_one_version(
+    first: type[Message], second: type[Message]
+) -> None:
+    settings = {**SETTINGS, "send": {"nose_msgs/Gas": "/gas"}, "parameters": "none", "emergency_stop": "none"}
+    with ModuleHarness(Ros2Bridge, settings) as bridge:
+        module = bridge.module
+        module._types = KnownTypes(map(TypeDescription.of, (OldGas, NewGas)))
+        for kind in (first, second, first):
+            bridge.send(kind())
+        assert (module.sent, module.unknown) == (2, 1)
+        ((channel, _),) = (one for one in module._channels.values() if one)
+        assert channel.type_hash == type_hash(first) == type_hash(module._type(channel))
+        (said,) = module._named
+        assert f"belongs to version {first.version}, and this is version {second.version}" in said

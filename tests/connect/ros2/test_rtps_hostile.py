@@ -10,7 +10,15 @@ from contextlib import closing
 
 import pytest
 
-from robbie_mp.connect.ros2.nodes import MAX_KNOWN, MAX_OTHERS, MAX_WAITING, Admission
+from robbie_mp.connect.ros2.nodes import (
+    ALL_SENDERS,
+    MAX_KNOWN,
+    MAX_OF_ONE,
+    MAX_OTHERS,
+    MAX_WAITING,
+    NAME_WAIT_S,
+    Admission,
+)
 from robbie_mp.connect.ros2.rtps import wire
 from robbie_mp.connect.ros2.rtps.endpoints import MAX_PEERS, PartBudget, ReliableReader
 from robbie_mp.connect.ros2.rtps.participant import (
@@ -21,6 +29,7 @@ from robbie_mp.connect.ros2.rtps.participant import (
     Participant,
 )
 from robbie_mp.connect.ros2.side import MAX_LARGEST, MiddlewareInbox, RosChannel
+from tests._support.robot import wait_until
 
 WRITER = b"\x01\x10" + bytes(10) + b"\0\0\x01\x03"
 READER = b"\0\0\x01\x04"
@@ -136,6 +145,7 @@ def test_message_that_waited_is_as_old_as_when_it_came() -> None:
 @pytest.fixture
 def participant() -> Iterator[Participant]:
     admission = Admission(["/slam"], MAX_BYTES)
+    NUMBERS.clear()
     with closing(Participant(90 + os.getpid() % 60, "lo", lambda _: True, admission)) as made:
         made.add_reader("rq/goRequest", "Go", b"", lambda _: None, MAX_BYTES)
         yield made
@@ -187,19 +197,89 @@ def test_flood_of_participants_and_endpoints_leaves_room_for_the_nodes_that_matc
     assert slam in participant._greeted
 
 
+def test_flood_drives_out_no_participant_whose_name_is_still_to_come(
+    participant: Participant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun_s = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: begun_s)
+    slam = b"\x01\x0f" + b"slam slam "
+    _announce(participant, slam)
+    for number in range(3 * MAX_PARTICIPANTS):
+        _announce(participant, b"\x01\x0f" + number.to_bytes(10, "big"))
+    assert slam in participant._peers
+    monkeypatch.setattr(time, "monotonic", lambda: begun_s + NAME_WAIT_S + 0.1)
+    for number in range(3 * MAX_PARTICIPANTS):
+        _announce(participant, b"\x01\x10" + number.to_bytes(10, "big"))
+    assert slam not in participant._peers
+    assert len(participant._peers) == MAX_PARTICIPANTS
+
+
+def test_endpoints_that_a_flood_kept_out_are_asked_for_again_once_their_node_is_known(
+    participant: Participant,
+) -> None:
+    slam, hostile = b"\x01\x0f" + b"slam slam ", b"\x01\x0fhost host "
+    for one in (slam, hostile):
+        _announce(participant, one)
+    first = _endpoint(participant, slam, 1)
+    for number in range(3 * MAX_PEERS):
+        _endpoint(participant, hostile, number)
+    second = _endpoint(participant, slam, 2)
+    assert first in participant.others
+    assert second not in participant.others
+    reader = participant._builtin_readers[PUBLICATIONS[1]]
+    told = reader.writers[slam + PUBLICATIONS[0]]
+    assert told.base == 3
+    participant.admission.tell(slam, {first: "/slam", second: "/slam"})
+    wait_until(lambda: reader.writers[slam + PUBLICATIONS[0]] is not told)
+    NUMBERS[slam, PUBLICATIONS[0]] = 0  # it sends again what it has told
+    assert [_endpoint(participant, slam, number) for number in (1, 2)] == [first, second]
+    (own,) = participant._readers(b"\0\0\1\x04")
+    assert set(own.writers) == {first, second}
+    assert len(participant.others) == MAX_PEERS
+
+
+def _guid(participant: int, endpoint: int = 1) -> bytes:
+    return participant.to_bytes(wire.PREFIX_BYTES, "big") + endpoint.to_bytes(4, "big")
+
+
 def test_flood_of_names_and_of_messages_without_one_is_bounded() -> None:
     admission, delivered = Admission(["/slam"], MAX_BYTES), []
     for number in range(3 * MAX_OTHERS):
-        endpoint = number.to_bytes(16, "big")
+        endpoint = _guid(number)
         admission.tell(endpoint, {endpoint: f"/hostile_{number}"})
         admission.take(endpoint, "a message", 1, lambda: delivered.append(b"hostile"))
-        admission.take(b"unknown" + endpoint, "a message", 1, lambda: delivered.append(b"hostile"))
+        admission.take(b"!" + endpoint[1:], "a message", 1, lambda: delivered.append(b"hostile"))
     assert admission.others <= MAX_OTHERS
     assert len(admission._waiting) == MAX_WAITING
     assert admission.refused == 6 * MAX_OTHERS - MAX_WAITING
     admission.tell(b"slam", {b"slam": "/slam"})
     admission.take(b"slam", "a message", 1, lambda: delivered.append(b"slam"))
     assert delivered == [b"slam"]
+
+
+def test_participant_that_floods_does_not_keep_out_what_waits_for_the_name_of_another() -> None:
+    admission, delivered = Admission(["/slam"], MAX_BYTES), []
+    admission.take(_guid(1), "a message", 100, lambda: delivered.append("before"))
+    for number in range(3 * MAX_WAITING):
+        endpoint = _guid(2, number)
+        admission.take(endpoint, "a message", 1, lambda: delivered.append("flood"))
+    assert admission.refused == 3 * MAX_WAITING - MAX_OF_ONE
+    admission.take(_guid(1), "a message", 1, lambda: delivered.append("after"))
+    admission.tell(b"slam", {_guid(1): "/slam"})
+    assert delivered == ["before", "after"]
+
+
+def test_participants_that_flood_together_lose_theirs_to_one_that_has_less() -> None:
+    admission, delivered = Admission(["/slam"], MAX_BYTES), []
+    for number in range(ALL_SENDERS):
+        for size in (1, MAX_BYTES - 1):
+            admission.take(_guid(number), "a message", size, lambda: delivered.append("flood"))
+    assert not admission.refused
+    for _ in range(3):
+        admission.take(_guid(9), "a message", MAX_BYTES // 4, lambda: delivered.append("slam"))
+    admission.tell(b"slam", {_guid(9): "/slam"})
+    assert delivered == ["slam"] * 3
+    assert sum(one.size for one in admission._waiting) <= ALL_SENDERS * MAX_BYTES
 
 
 def test_flood_of_names_that_match_is_bounded() -> None:

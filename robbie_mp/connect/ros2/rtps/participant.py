@@ -11,12 +11,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import Final, NamedTuple
 
 import psutil
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.connect.ros2.nodes import Admission
+from robbie_mp.connect.ros2.nodes import NAME_WAIT_S, Admission
 from robbie_mp.connect.ros2.rtps import wire
 from robbie_mp.connect.ros2.rtps.endpoints import MAX_PEERS, PartBudget, ReliableReader, ReliableWriter
 
@@ -65,6 +66,7 @@ class RemoteEndpoint(NamedTuple):
         type_name: its type in DDS.
         is_reliable: whether it is reliable.
         durability: 0: volatile.
+        since_s: when it was first heard of.
     """
 
     guid: bytes
@@ -72,6 +74,7 @@ class RemoteEndpoint(NamedTuple):
     type_name: str
     is_reliable: bool
     durability: int
+    since_s: float
 
     @property
     def is_writer(self) -> bool:
@@ -87,6 +90,8 @@ class _Peer:
     user: tuple[str, int]
     lease_s: float
     seen_s: float
+    since_s: float
+    """When it was first heard of; `seen_s`: last."""
 
 
 @dataclass
@@ -138,6 +143,8 @@ class Participant:
         self._greeted: set[bytes] = set()
         """Participants that are told of its endpoints."""
         self._unfit: set[bytes] = set()
+        self._cut: set[bytes] = set()
+        """Participants with endpoints for which there was no room."""
         self._version = 0
         """That of the admission when its endpoints were matched."""
         self._budget = PartBudget(self.max_bytes)
@@ -264,6 +271,8 @@ class Participant:
 
     def _look_at_admitted(self) -> None:
         """Speak with what was not known to belong to a node that matches."""
+        for prefix in [one for one in self._cut if self.admission.admits_one_of(one)]:
+            self._ask_again(prefix)
         for prefix in self._peers:
             self._greet(prefix)
         for other in self.others.values():
@@ -327,23 +336,40 @@ class Participant:
         said_s = float(struct.unpack_from("<i", told.get(_LEASE, b"\x64\0\0\0"))[0])
         lease_s = min(max(1.0, said_s), MAX_LEASE_S)
         is_new = prefix not in self._peers
-        if not meta or not user or (is_new and not self._has_room()):
+        if not meta or not user or (is_new and not self._has_room(prefix)):
             return
-        self._peers[prefix] = _Peer((source, meta), (source, user), lease_s, time.monotonic())
+        now_s = time.monotonic()
+        since_s = now_s if is_new else self._peers[prefix].since_s
+        self._peers[prefix] = _Peer((source, meta), (source, user), lease_s, now_s, since_s)
         if is_new:
             self._send_meta(prefix, [self._announcement_part(b"", self._announcement())])
             for kind in (PUBLICATIONS, SUBSCRIPTIONS):
                 self._builtin_readers[kind[1]].match(prefix + kind[0])
             self._greet(prefix)
 
-    def _has_room(self) -> bool:
-        """Whether a further participant may come; one without a node that matches goes for it."""
+    def _has_room(self, prefix: bytes) -> bool:
+        """Whether a further participant may come; one without a node that matches may go for it."""
         if len(self._peers) < MAX_PARTICIPANTS:
             return True
-        other = next((one for one in self._peers if not self.admission.admits_one_of(one)), None)
+        other = self._leaving(self._peers, self.admission.admits_one_of, prefix)
         if other is not None:
             self._forget_peer(other)
         return other is not None
+
+    def _leaving(
+        self,
+        known: Mapping[bytes, _Peer] | Mapping[bytes, RemoteEndpoint],
+        admits: Callable[[bytes], bool],
+        new: bytes,
+    ) -> bytes | None:
+        """Return the oldest of those without a node that matches, which goes for one that comes; None: none.
+
+        One that has such a node has precedence. For others, only what has had its time to tell a name goes: a
+        flood must not drive out those whose names are still to come.
+        """
+        before_s = math.inf if admits(new) else time.monotonic() - NAME_WAIT_S
+        old = takewhile(lambda one: known[one].since_s < before_s, known)
+        return next((one for one in old if not admits(one)), None)
 
     def _greet(self, prefix: bytes) -> None:
         """Tell a participant of the endpoints of this side, if it has a node that matches."""
@@ -361,23 +387,33 @@ class Participant:
             self._forget(guid)
             return
         topic = wire.text_of(told[_TOPIC]) if _TOPIC in told else ""
-        if not self.is_wanted(topic) or (guid not in self.others and not self._has_room_for_endpoint()):
+        if not self.is_wanted(topic) or (guid not in self.others and not self._has_room_for_endpoint(guid)):
             return
         (reliability,) = struct.unpack_from("<I", told.get(_RELIABILITY, b"\x01\0\0\0"))
         (durability,) = struct.unpack_from("<I", told.get(_DURABILITY, bytes(4)))
         kind = wire.text_of(told.get(_TYPE, wire.text("")))
-        other = self.others[guid] = RemoteEndpoint(guid, topic, kind, reliability >= RELIABLE, durability)
+        since_s = self.others[guid].since_s if guid in self.others else time.monotonic()
+        other = RemoteEndpoint(guid, topic, kind, reliability >= RELIABLE, durability, since_s)
+        self.others[guid] = other
         for own in self._own:
             self._match(own, other)
 
-    def _has_room_for_endpoint(self) -> bool:
-        """Whether a further endpoint may come; one of a node that does not match goes for it."""
+    def _has_room_for_endpoint(self, guid: bytes) -> bool:
+        """Whether a further endpoint may come; one of a node that does not match may go for it."""
         if len(self.others) < MAX_PEERS:
             return True
-        other = next((one for one in self.others if not self.admission.admits(one)), None)
+        other = self._leaving(self.others, self.admission.admits, guid)
+        self._cut.add((guid if other is None else other)[: wire.PREFIX_BYTES])
         if other is not None:
             del self.others[other]
         return other is not None
+
+    def _ask_again(self, prefix: bytes) -> None:
+        """Ask a participant for its endpoints from the beginning."""
+        self._cut.discard(prefix)
+        for kind in (PUBLICATIONS, SUBSCRIPTIONS):
+            self._builtin_readers[kind[1]].forget(prefix + kind[0])
+            self._builtin_readers[kind[1]].match(prefix + kind[0])
 
     def _match(self, own: _Own, other: RemoteEndpoint) -> None:
         """Begin to speak with an endpoint if it fits."""
@@ -394,6 +430,7 @@ class Participant:
     def _forget_peer(self, prefix: bytes) -> None:
         self._peers.pop(prefix, None)
         self._greeted.discard(prefix)
+        self._cut.discard(prefix)
         self._forget(prefix)
 
     def _forget(self, prefix: bytes) -> None:
