@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 
 from typing_extensions import Self
@@ -25,6 +26,7 @@ class BridgeRun:
         settings: where the settings of each module stand.
         output: where the run writes its results; None in a test.
         folder: the run's folder; None in a test.
+        code: where the robot's Python files are.
     """
 
     types: KnownTypes
@@ -34,6 +36,7 @@ class BridgeRun:
     settings: Mapping[str, SettingsFile] = field(default_factory=dict)
     output: Path | None = None
     folder: Path | None = None
+    code: tuple[Path, ...] = ()
 
     @classmethod
     def of(cls, run_id: str, module: str, class_path: str) -> Self:
@@ -54,4 +57,13 @@ class BridgeRun:
         settings = {one.name: SettingsFile(run.folder, one.name) for one in plan.modules}
         output = None if run.record is None else Path(run.record.output_directory)
         source, names = plan.clock.source, frozenset({module, *bridges})
-        return cls(types, names, source is not None, source == module, settings, output, run.folder)
+        code = _code(plan)
+        return cls(types, names, source is not None, source == module, settings, output, run.folder, code)
+
+
+def _code(plan: RunPlan) -> tuple[Path, ...]:
+    """Return the folders of the workspace, and of the packages that its modules come from."""
+    packages = {one.class_path.partition(".")[0].partition(":")[0] for one in plan.modules} - {"robbie_mp"}
+    found = [find_spec(one) for one in sorted(packages)]
+    places = [place for one in found if one is not None for place in one.submodule_search_locations or ()]
+    return (Path(plan.workspace), *map(Path, places))

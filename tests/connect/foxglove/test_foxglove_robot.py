@@ -60,6 +60,50 @@ def test_robot_in_foxglove(robot: Robot, link: str) -> None:
     check_stopped_client(robot, link)
 
 
+LATE = """
+from robbie_mp import Message, float64
+class Gas(Message, name="nose_msgs/msg/Gas"):
+    ppm: float64
+"""
+LAZY = """
+from pathlib import Path
+from robbie_mp import Module
+class Lazy(Module):
+    period_s = 0.05
+    def tick(self) -> None:
+        if Path("is_asked").exists():
+            from crew.late import Gas
+            self.publish(Gas(ppm=1.0), topic="gas")
+"""
+
+
+@pytest.mark.slow
+def test_a_type_that_a_client_describes_is_refused_if_the_code_of_the_robot_has_its_own(robot: Robot) -> None:
+    crew = robot.folder / "crew"
+    crew.mkdir()
+    for name, text in (("__init__", ""), ("late", LATE), ("lazy", LAZY)):
+        (crew / f"{name}.py").write_text(text)
+    robot.write_profile(
+        """
+        parents: ["robbie:foxglove"]
+        modules:
+          lazy: {class: "crew.lazy:Lazy"}
+          foxglove: {settings: {port: 0, accept: {/gas: nose_msgs/* gas}}, optional: false}
+        """
+    )
+    robot.start()
+    robot.until(lambda top: top["foxglove"]["status"] != "" and top["lazy"]["state"] == "RUNNING")
+    with connected(robot.command("foxglove").stdout.strip()) as client:
+        client.advertise(1, "/gas", "nose_msgs/Gas", schemaEncoding="ros2msg", schema="uint16 ppm")
+        client.publish(1, b"\0\1\0\0\7\0")
+        client.until(client.problems)
+        assert "crew/late.py declares a type of that name" in client.problems()[0]
+        (robot.folder / "is_asked").touch()
+        top = robot.until(lambda top: top["lazy"]["published"] > 3)
+        assert top["lazy"]["restarts"] == 0
+        assert "1 refused" in robot.top()["foxglove"]["status"]
+
+
 def check_parameters(client: Client) -> None:
     client.send("getParameters", parameterNames=[], id="all")
     client.until(lambda: client.parameters)

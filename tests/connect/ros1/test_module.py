@@ -7,6 +7,7 @@ import math
 import socket
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -193,6 +194,17 @@ def test_a_type_has_one_definition_in_a_run(bridge: Bridge) -> None:
     second = announce(bridge, "/any", "nose_msgs/Gas", "uint8 ppm")
     assert bridge.module._arrive(first, b"\7\0", 0.0)
     assert not bridge.module._arrive(second, b"\7", 0.0)
+
+
+def test_a_type_that_the_code_of_the_robot_declares_is_refused(
+    bridge: Bridge, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "late.py").write_text('class Gas(Message, name="nose_msgs/msg/Gas"): ...')
+    bridge.module.surroundings = replace(bridge.module.surroundings, code=(tmp_path,))
+    number = announce(bridge, "/gas", "nose_msgs/Gas", "uint16 ppm")
+    assert not bridge.module._arrive(number, b"\7\0", 0.0)
+    assert f"{tmp_path}/late.py declares a type of that name" in caplog.text
+    assert bridge.module._arrive(announce(bridge, "/gas", "nose_msgs/Ga", "uint16 ppm"), b"\7\0", 0.0)
 
 
 def test_types_that_ros_announces_are_limited(bridge: Bridge, caplog: pytest.LogCaptureFixture) -> None:
