@@ -1,72 +1,272 @@
-"""Nav2's actions of a stock robot over DDS, by another bridge: there are no wheels of nav2_msgs."""
+"""Nav2's actions of a stock robot, driven by action clients of rclpy; see `make ros`.
+
+There are no wheels of nav2_msgs, so the test builds its actions from these definitions.
+The robot has those of Jazzy.
+"""
 
 import os
-from typing import Any
+import subprocess
+from collections.abc import Iterator
 
 import pytest
 
-from robbie_mp import ModuleHarness
-from robbie_mp.connect.ros2.module import Ros2Bridge
-from robbie_mp.messages import GoalEnd, Header, Point, Pose, PoseStamped
-from robbie_mp.messages.stock.nav2_msgs import FollowWaypoints, NavigateThroughPoses, NavigateToPose
-from tests._support.robot import Robot
-from tests.connect.ros2._support.ros_nodes import until
+import robbie_mp
+from robbie_mp.messages import Odometry
+from tests._support.robot import Robot, wait_until
+from tests.connect.ros2._support.ros_nodes import WHEELS, RosNode, ros_node, ros_python
+from tests.docs._support.pages import ROOT, block
 
 pytestmark = pytest.mark.slow
 DOMAIN = 140 + os.getpid() % 60
-PROFILE = f"""
+PROFILE = """
 parents: [robbie:navigation]
 modules:
   nav2:
     class: robbie_robots.modules.navigation.nav2_actions:Nav2Actions
+    settings: {stops_on_missed: false}
   ros2:
     class: robbie_mp.connect.ros2.module:Ros2Bridge
     settings:
       middleware: dds
-      domain: {DOMAIN}
+      domain: DOMAIN
       actions:
         /navigate_to_pose: NavigateToPose
         /navigate_through_poses: NavigateThroughPoses
         /follow_waypoints: FollowWaypoints
-      services: {{/lifecycle_manager_navigation/is_active: IsNavigationActive}}
+      services: {/lifecycle_manager_navigation/is_active: IsNavigationActive}
 """
-CALLS = {
-    "/navigate_to_pose": "NavigateToPose",
-    "/navigate_through_poses": "NavigateThroughPoses",
-    "/follow_waypoints": "FollowWaypoints",
+TO_POSE = "action/NavigateToPose.action"
+MISSED = "uint32 index\ngeometry_msgs/PoseStamped goal\nuint16 error_code\n"
+STATUS = (
+    "uint8 waypoint_status\nuint32 waypoint_index\ngeometry_msgs/PoseStamped waypoint_pose\n"
+    "uint16 error_code\nstring error_msg\n"
+)
+FOLLOW = """uint32 number_of_loops
+uint32 goal_index 0
+geometry_msgs/PoseStamped[] poses
+---
+{missed}[] missed_waypoints
+uint16 error_code
+string error_msg
+---
+uint32 current_waypoint
+"""
+THROUGH = """{poses} poses
+string behavior_tree
+---
+uint16 error_code
+string error_msg
+{statuses}---
+geometry_msgs/PoseStamped current_pose
+builtin_interfaces/Duration navigation_time
+builtin_interfaces/Duration estimated_time_remaining
+int16 number_of_recoveries
+float32 distance_remaining
+int16 number_of_poses_remaining
+{statuses}"""
+DEFINITIONS = {
+    "jazzy": {
+        "msg/MissedWaypoint.msg": MISSED,
+        "action/FollowWaypoints.action": FOLLOW.format(missed="MissedWaypoint"),
+        "action/NavigateThroughPoses.action": THROUGH.format(
+            poses="geometry_msgs/PoseStamped[]", statuses=""
+        ),
+    },
+    "kilted": {
+        "msg/WaypointStatus.msg": STATUS,
+        "action/FollowWaypoints.action": FOLLOW.format(missed="WaypointStatus"),
+        "action/NavigateThroughPoses.action": THROUGH.format(
+            poses="nav_msgs/Goals", statuses="WaypointStatus[] waypoint_statuses\n"
+        ),
+    },
 }
+CLIENT = """
+import sys, threading
+sys.path.insert(0, interfaces)
+import nav2_msgs.action
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionClient
+class Client(ActionClient):
+    _lock = threading.Lock()  # rclpy 9.1 sets it after the threads that spin have seen the client
+def pose(x):
+    made = PoseStamped()
+    made.header.frame_id, made.pose.position.x, made.pose.orientation.w = "map", x, 1.0
+    return made
+clients, sent = {}, []
+class Sent:
+    def __init__(self, kind, name, fields):
+        self.answer = self.end = None
+        self.feedback = []
+        if name not in clients:
+            clients[name] = Client(node, kind, name)
+        assert clients[name].wait_for_server(20.0)
+        future = clients[name].send_goal_async(kind.Goal(**fields), self.on_feedback)
+        future.add_done_callback(self.on_answer)
+    def on_feedback(self, message):
+        self.feedback.append(message.feedback)
+    def on_answer(self, future):
+        self.answer = future.result()
+        if self.answer.accepted:
+            self.answer.get_result_async().add_done_callback(self.on_end)
+    def on_end(self, future):
+        self.end = future.result()
+"""
+SEND = """
+fields = {**numbers}
+if at:
+    poses = [pose(x) for x in at]
+    if kind == "NavigateThroughPoses" and has_goals:
+        from nav_msgs.msg import Goals
+        poses = Goals(goals=poses)
+    fields |= {"pose": poses[0]} if kind == "NavigateToPose" else {"poses": poses}
+sent.append(Sent(getattr(nav2_msgs.action, kind), name, fields))
+"""
+IS_ACCEPTED = "result = sent[-1].answer and sent[-1].answer.accepted"
+HAS_ENDED = """
+end = sent[-1].end
+result = end and [end.status, end.result.error_code, end.result.error_msg]
+"""
+MISSED_ONES = "result = [[one.index, one.error_code] for one in sent[-1].end.result.missed_waypoints]"
+WAYPOINTS = "result = [one.current_waypoint for one in sent[-1].feedback]"
+LEFT = "result = [[one.distance_remaining, one.number_of_poses_remaining] for one in sent[-1].feedback]"
+DISTANCES = "result = [one.distance_remaining for one in sent[-1].feedback]"
+REPLACED = "result = sent[-2].end.status"
+CANCEL = "sent[-1].answer.cancel_goal_async()"
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+NAMES = {
+    "NavigateToPose": "/navigate_to_pose",
+    "NavigateThroughPoses": "/navigate_through_poses",
+    "FollowWaypoints": "/follow_waypoints",
+}
+NEAR_M = 0.4
+"""Navigation's tolerance, and what the map may be off."""
+FAR_M = 500.0
+"""Beyond all walls."""
 
 
-def at(x_m: float, frame: str = "map") -> PoseStamped:
-    return PoseStamped(header=Header(frame_id=frame), pose=Pose(position=Point(x=x_m)))
+class Driver:
+    """A robot, and a node that sends it goals.
+
+    Attributes:
+        robot: the robot.
+        node: the node.
+        distribution: the node's.
+    """
+
+    def __init__(self, robot: Robot, node: RosNode, distribution: str):
+        self.robot, self.node, self.distribution = robot, node, distribution
+
+    def begin(self, kind: str, *at: float, **numbers: int) -> None:
+        """Send a goal with poses on the x axis, in m."""
+        has_goals = self.distribution == "kilted"
+        self.node.run(SEND, kind=kind, name=NAMES[kind], at=at, numbers=numbers, has_goals=has_goals)
+
+    def send(self, kind: str, *at: float, **numbers: int) -> bool:
+        """Send a goal; return whether it is accepted."""
+        self.begin(kind, *at, **numbers)
+        found: list[bool] = []
+
+        def is_answered() -> bool:
+            answer = self.node.run(IS_ACCEPTED)
+            found[:] = [] if answer is None else [answer]
+            return bool(found)
+
+        wait_until(is_answered)
+        return found[0]
+
+    def end(self) -> tuple[int, int, str]:
+        """Return status, error code and error text of the newest goal, once it has ended."""
+        wait_until(lambda: self.node.run(HAS_ENDED))
+        status, code, text = self.node.run(HAS_ENDED)
+        return status, code, text
+
+    def until_ready(self) -> None:
+        """Wait until navigation has its map and its pose."""
+        wait_until(lambda: self.send("NavigateToPose", 0.3) and self.end()[0] == SUCCEEDED)
 
 
-def test_goals_of_ros_drive_the_stock_robot_as_far_as_it_may_drive_by_itself(robot: Robot) -> None:
-    robot.write_profile(PROFILE)
+@pytest.fixture(params=WHEELS)
+def driver(
+    request: pytest.FixtureRequest, robot: Robot, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Driver]:
+    distribution = request.param
+    folder = tmp_path_factory.mktemp("nav2")
+    package = folder / "source" / "nav2_msgs"
+    of_the_page = block("docs/ros2-robot.md", f"file interfaces/nav2_msgs/{TO_POSE}")
+    definitions = {**DEFINITIONS[distribution], TO_POSE: of_the_page}
+    for name, text in definitions.items():
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).write_text(text)
+    command = [ros_python(distribution).path, str(ROOT / "tools/ros_wheels.py"), "interfaces"]
+    subprocess.run([*command, str(package), str(folder)], check=True, timeout=400)
+    domain = DOMAIN + WHEELS.index(distribution)
+    robot.write_profile(PROFILE.replace("DOMAIN", str(domain)))
     robot.start()
-    robot.until(lambda figures: all(one["state"] == "RUNNING" for one in figures.values()))
-    settings = {"middleware": "dds", "domain": DOMAIN, "calls": CALLS, "parameters": "none"}
-    with ModuleHarness(Ros2Bridge, settings) as ros:
+    robot.until(lambda top: all(one["state"] == "RUNNING" for one in top.values()))
+    with ros_node(distribution, domain, folder) as node:
+        node.run(CLIENT, interfaces=str(folder))
+        yield Driver(robot, node, distribution)
 
-        def told() -> list[Any]:
-            return [one.message for one in ros.published if one.topic == "client"]
 
-        def end_of(goal: Any) -> Any:
-            ros.bus.published.clear()
-            ros.send_goal(goal)
-            until(ros, lambda: told() and not told()[-1].type_name.endswith("_Feedback"), 60.0)
-            return told()[-1]
+def place_m() -> float:
+    """Return where the robot is, along the x axis, in m."""
+    with robbie_mp.attach() as run:
+        return float(run.latest(Odometry, "ground_truth").pose.pose.position.x)
 
-        until(ros, lambda: "frame" in getattr(end_of(NavigateToPose(pose=at(0.5, "odom"))), "reason", ""))
-        assert robot.command("call", "SetControl", "{mode: 2}").returncode == 0
-        until(ros, lambda: "refused" in getattr(end_of(NavigateToPose(pose=at(0.5))), "reason", ""))
-        assert robot.command("call", "SetControl", "{mode: 0}").returncode == 0
-        until(ros, lambda: end_of(NavigateToPose(pose=at(0.5))).type_name.endswith("_Result"), 60.0)
-        assert end_of(NavigateThroughPoses(poses=[at(0.8), at(0.5)])).type_name.endswith("Poses_Result")
-        assert end_of(FollowWaypoints(poses=[at(0.8), at(0.5)])).type_name.endswith("FollowWaypoints_Result")
-        ros.bus.published.clear()
-        sent = ros.send_goal(NavigateToPose(pose=at(2.5)))
-        until(ros, lambda: told() and told()[-1].distance_remaining > 0.0)
-        ros.cancel_goal(sent, "enough")
-        until(ros, lambda: told()[-1].type_name == GoalEnd.type_name)
-        assert told()[-1].outcome == GoalEnd.CANCELLED
+
+def test_clients_of_rclpy_drive_the_stock_robot_as_far_as_it_may_drive_by_itself(driver: Driver) -> None:
+    driver.until_ready()
+    follow_waypoints(driver)
+    if driver.distribution == "jazzy":
+        drive_through_poses(driver)
+        miss_a_waypoint(driver)
+    refuse_and_cancel(driver)
+    assert "not asked for" not in driver.robot.top()["ros2"]["status"], "a hash of feedback is another"
+    if driver.distribution == "kilted":
+        driver.begin("NavigateThroughPoses", 0.3, 0.9)
+        driver.robot.until(lambda top: "1 malformed" in top["ros2"]["status"])
+
+
+def follow_waypoints(driver: Driver) -> None:
+    assert driver.send("FollowWaypoints", 0.9, 0.3, number_of_loops=1)
+    assert driver.end() == (SUCCEEDED, 0, "")
+    assert driver.node.run(WAYPOINTS) == [0, 1, 0, 1]
+    assert abs(place_m() - 0.3) < NEAR_M
+    assert driver.send("FollowWaypoints", 0.3, 0.9, goal_index=1)
+    assert driver.end() == (SUCCEEDED, 0, "")
+    assert driver.node.run(WAYPOINTS) == [1]
+    assert abs(place_m() - 0.9) < NEAR_M
+    assert not driver.send("FollowWaypoints", 0.3, goal_index=1)
+    assert not driver.send("FollowWaypoints")
+
+
+def drive_through_poses(driver: Driver) -> None:
+    assert driver.send("NavigateThroughPoses", 0.3, 0.9)
+    assert driver.end() == (SUCCEEDED, 0, "")
+    left = driver.node.run(LEFT)
+    assert {poses for _, poses in left} == {1, 2}
+    assert left[-1][0] < left[0][0]
+    assert abs(place_m() - 0.9) < NEAR_M
+
+
+def miss_a_waypoint(driver: Driver) -> None:
+    assert driver.send("FollowWaypoints", 0.6, FAR_M, 0.3)
+    assert driver.end()[0] == SUCCEEDED
+    assert driver.node.run(MISSED_ONES) == [[1, 601]]
+    assert abs(place_m() - 0.3) < NEAR_M
+
+
+def refuse_and_cancel(driver: Driver) -> None:
+    assert driver.send("NavigateToPose", FAR_M)
+    status, _, text = driver.end()
+    assert status == ABORTED
+    assert text
+    assert driver.robot.command("call", "SetControl", "{mode: 2}").returncode == 0
+    wait_until(lambda: not driver.send("FollowWaypoints", 0.6))
+    assert driver.robot.command("call", "SetControl", "{mode: 0}").returncode == 0
+    wait_until(lambda: driver.send("FollowWaypoints", 2.5))
+    assert driver.send("NavigateToPose", 2.5)
+    wait_until(lambda: any(one > 0.0 for one in driver.node.run(DISTANCES)))
+    assert driver.node.run(REPLACED) == ABORTED
+    driver.node.run(CANCEL)
+    assert driver.end()[0] == CANCELED
