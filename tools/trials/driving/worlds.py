@@ -34,7 +34,7 @@ from tools.trials.harness import Case, TrialSubject, names_of
 
 TURN_RAD_S = 0.5
 ODOMETRY_S = 0.1
-MOST_SWEEPS, LEAST_WAY_M = 900, 60.0
+MOST_SWEEPS, LEAST_WAY_M = 400, 25.0
 RANGE_NOISE_M = 0.015
 GLASS_SEEN_RAD = np.radians(12)  # a beam that meets glass more askew goes through
 FAR_AWAY = np.array([[1e6, 0.0, 1e6, 1.0]])  # a wall, so that an arena has one
@@ -106,7 +106,7 @@ class WorldConditions:
 
         sweep_s, speed_m_s = between(0.025, 3.0), float(random.uniform(0.4, 1.2))
         drawn = WorldConditions(
-            way_m=max(LEAST_WAY_M, min(between(100.0, 500.0), MOST_SWEEPS * sweep_s * speed_m_s)),
+            way_m=max(LEAST_WAY_M, min(between(80.0, 400.0), MOST_SWEEPS * sweep_s * speed_m_s)),
             bare=random.uniform(0.2, 0.6),
             yards=random.uniform(0.1, 0.3),
             people=0,
@@ -127,9 +127,9 @@ class WorldConditions:
             "glass": {"glass": 0.3},
             "slips": {"slips": 2},
             "lifts": {"lifts": 2},
-            "rare sweeps": {"sweep_s": between(1.5, 3.0), "way_m": between(200.0, 600.0)},
+            "rare sweeps": {"sweep_s": between(1.5, 3.0), "way_m": between(150.0, 450.0)},
             "long way": {
-                "way_m": 1400.0,
+                "way_m": 800.0,
                 "sweep_s": 2.8,
                 "speed_m_s": 0.8,
                 "view_rad": np.pi,
@@ -140,7 +140,7 @@ class WorldConditions:
             "halls": {
                 "yards": 0.5,
                 "is_regular": True,
-                "way_m": 600.0,
+                "way_m": 400.0,
                 "sweep_s": between(2.0, 3.0),
                 "speed_m_s": 0.8,
                 "view_rad": np.pi,
