@@ -13,6 +13,7 @@ from robbie_robots.workers.laser.surface_points import SurfacePoints
 CLEARANCE_M = 0.3  # a place that is nearer than the hit by this much counts as seen free
 MAX_TURNS = 2.0  # beams may overlap; directions that go round more often are in another unit, or damaged
 ONE_BEAM_RAD = np.pi / 180  # the width of a beam that is alone
+LEAST_WIDE = 0.3  # share of the returns; of fewer on wide things, nothing follows
 GEOMETRIES = 16  # kept directions; a robot has few lasers, but some change their geometry with each sweep
 
 
@@ -80,6 +81,12 @@ class LaserSweep:
         """Where beams ended; computed on first use, so that a map is restored quickly."""
         returned = np.isfinite(self.ranges_m)
         return SurfacePoints.from_bearings(self.bearings_rad[returned], self.ranges_m[returned])
+
+    @cached_property
+    def is_wide(self) -> NDArray[np.bool_]:
+        """Which of the hits show walls and other wide things, and not people; all if those are too few."""
+        is_wide = ~self.hits.narrow()
+        return is_wide if is_wide.mean() >= LEAST_WIDE else np.ones_like(is_wide)
 
     @cached_property
     def walls(self) -> SurfacePoints:

@@ -15,6 +15,8 @@ GRAZING = 5  # successive points that show a wall at which the beams graze, howe
 GRAZING_GROWTH = 2.5  # if each gap is at most this many times the next one
 GRAZING_NOISE_M = 0.03  # and they lie on a line, up to this standard deviation
 FILLED_M, FILLING_M = 3.0, 0.15  # widest gap filled in a wall, and the distance of the points there
+NARROW_M = 0.4  # a leg or a person is at most this wide
+APART_M, APART_PER_RANGE = 0.25, 0.06  # successive returns farther apart are of two things
 ONE_WALL = 0.97  # least cosine between the normals of two points of one wall
 
 
@@ -51,6 +53,18 @@ class SurfacePoints:
         every = -(-len(self) // most)
         return SurfacePoints(self.points[::every], self.normals[::every])
 
+    def narrow(self) -> NDArray[np.bool_]:
+        """Return which points `(N,)` of a sweep show a narrow thing, such as a leg, and not a wall."""
+        if not len(self):
+            return np.zeros(0, np.bool_)
+        gap = np.diff(self.points, axis=0)
+        reach = np.maximum(APART_M, APART_PER_RANGE * np.hypot(*self.points.T))
+        begins = np.hypot(*gap.T) > np.minimum(reach[:-1], reach[1:])
+        first = np.concatenate([[0], np.flatnonzero(begins) + 1])
+        last = np.append(first[1:], len(self)) - 1
+        wide_m = np.hypot(*(self.points[last] - self.points[first]).T)
+        return np.asarray(np.repeat(wide_m < NARROW_M, last - first + 1))
+
     def filled(self) -> "SurfacePoints":
         """Add points in the gaps of walls on which successive beams are far apart.
 
@@ -68,6 +82,10 @@ class SurfacePoints:
         share = np.concatenate([np.arange(1, count) / count for count in parts] or [np.zeros(0)])[:, None]
         points = self.points[row] + share * gap[row]
         return SurfacePoints.joined([self, SurfacePoints(points, self.normals[row])])
+
+    def chosen(self, rows: NDArray[np.bool_]) -> "SurfacePoints":
+        """Return the points of these rows `(N,)`."""
+        return SurfacePoints(self.points[rows], self.normals[rows])
 
     def __len__(self) -> int:
         return len(self.points)

@@ -16,6 +16,7 @@ from robbie_robots.workers.row_log import RowLog
 
 SPACING_M = 0.4  # sweeps nearer to each other show the same surfaces
 SPACING_RAD = 0.3
+SAME_THING_M = 0.1  # returns nearer to each other than one to two of these show the same thing
 
 
 class KeySweeps:
@@ -95,8 +96,46 @@ class KeySweeps:
             chosen.append(int(number))
         return chosen
 
+    def lasting_surfaces(self, numbers: Sequence[int]) -> SurfacePoints:
+        """Join the surface points of some sweeps, without narrow things that only one of them saw.
+
+        Those may be people, or other things that move.
+        """
+        each = [self.sweeps[number].walls.moved(self.poses[number]) for number in numbers]
+        joined = SurfacePoints.joined(each)
+        owner = np.repeat(np.arange(len(each)), [len(one) for one in each])
+        is_narrow = np.zeros(len(joined), np.bool_)
+        first = np.cumsum([0, *(len(one) for one in each)])
+        for begin, number in zip(first[:-1], numbers, strict=True):  # a sweep's hits, then what lies between
+            is_wide = self.sweeps[number].is_wide
+            is_narrow[begin : begin + len(is_wide)] = ~is_wide
+        stays = ~is_narrow
+        stays[is_narrow] = _seen_by_others(joined.points, owner, np.flatnonzero(is_narrow))
+        return joined.chosen(stays)
+
     def surfaces(self, numbers: Iterable[int]) -> SurfacePoints:
         """Join the surface points of some sweeps, map frame."""
         return SurfacePoints.joined(
             [self.sweeps[number].walls.moved(self.poses[number]) for number in numbers]
         )
+
+
+def _seen_by_others(
+    points: NDArray[np.float64], owner: NDArray[np.int64], which: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which of some points lie near a point of another owner."""
+    cells = np.floor(points / SAME_THING_M).astype(np.int64)
+    cells -= cells.min(axis=0) - 1
+    width = int(cells[:, 0].max()) + 2
+    place = cells[:, 1] * width + cells[:, 0]
+    sweeps = int(owner.max()) + 1
+    pairs = np.unique(place * sweeps + owner)
+    seen = np.zeros(len(which), np.bool_)
+    for up in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            first = (place[which] + up * width + right) * sweeps
+            many = np.searchsorted(pairs, first + sweeps) - np.searchsorted(pairs, first)
+            own = first + owner[which]
+            row = np.minimum(np.searchsorted(pairs, own), len(pairs) - 1)
+            seen |= many > (pairs[row] == own)
+    return seen

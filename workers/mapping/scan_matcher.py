@@ -117,6 +117,11 @@ class ScanMatcher:
         pose[2] = wrap_angle(pose[2])
         return Match(pose, _at_least_zero(information - feigned), on_surface)
 
+    def fit(self, sweep: SurfacePoints, pose: NDArray[np.float64]) -> Match:
+        """Return how a sweep fits at a pose, without moving it."""
+        information, feigned, _, on_surface = self._linearised(sweep, pose, FINE_DISTANCE_M)
+        return Match(pose, _at_least_zero(information - feigned), on_surface)
+
     def _linearised(
         self, sweep: SurfacePoints, pose: NDArray[np.float64], distance_m: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:

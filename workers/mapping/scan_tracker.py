@@ -88,7 +88,7 @@ class ScanTracker:
 
     def _recent(self) -> tuple[ScoreField, ScanMatcher]:
         if self._reference is None:
-            surfaces = self._keys.surfaces(self.reference())
+            surfaces = self._keys.lasting_surfaces(self.reference())
             field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, MOST_REACH_M)
             self._reference = field, ScanMatcher(surfaces, TRUST)
         return self._reference

@@ -111,18 +111,22 @@ class SlipWatch:
             The match to use, or None if the sweep fits nowhere. After `MOST_LOST` of those, the result is
             odometry's pose with the uncertainty of a slip.
         """
-        agreement = self._agreement(match, sweep.hits.thinned(MOST_POINTS), reference)
+        # People hide the map, and stand where it is free. What is wide stays.
+        is_wide = sweep.is_wide[:: -(-len(sweep.hits) // MOST_POINTS)]
+        seen = replace(match, on_surface=match.on_surface[is_wide])
+        agreement = self._agreement(seen, sweep.hits.thinned(MOST_POINTS).chosen(is_wide), reference)
         is_strained = _is_strained(guess, deviation, match)
-        hardly_overlaps = match.on_surface.mean() < CONVINCING
+        hardly_overlaps = seen.on_surface.mean() < CONVINCING
         if self._undecided or is_strained or hardly_overlaps or agreement < SUSPECT:
             for reach_m, reach_rad, overlap in WINDOWS:
                 window = SearchWindow(reach_m, reach_rad, DOUBT_PER_M2)
                 other = None if self._undecided else match
                 found, is_only = self._found(sweep, guess, window, overlap, other, agreement, is_strained)
                 if found is not None and is_only:
-                    self.noticed += 1
+                    has_slipped = bool(self._undecided) or _is_strained(guess, deviation, found)
+                    self.noticed += has_slipped
                     self._forget()
-                    return found.fused(guess, SLIP_DEVIATION)
+                    return found.fused(guess, SLIP_DEVIATION if has_slipped else deviation)
                 if found is not None and self.lost < MOST_LOST:
                     self.lost += 1
                     self._undecided.append(_Undecided(guess, sweep))
@@ -133,7 +137,7 @@ class SlipWatch:
             has_slipped = _is_strained(guess, SLIP_DEVIATIONS * deviation, match)
             self.noticed += has_slipped
             self._forget()
-            if has_slipped and match.on_surface.mean() < CONVINCING:
+            if has_slipped and hardly_overlaps:
                 self.not_undone += 1
                 return replace(match, pose=guess, information=np.diag(SLIP_DEVIATION**-2.0))
             return match
@@ -192,7 +196,7 @@ class SlipWatch:
         if not reference:
             return None, False
         hits, owner = self._together(sweep, guess)
-        surfaces = self._keys.surfaces(reference)
+        surfaces = self._keys.lasting_surfaces(reference)
         field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, window.distance_m)
         found = search(field, hits.points, guess, window, LEAST_SCORE)
         if found is None:
@@ -208,15 +212,20 @@ class SlipWatch:
             refined = matcher.refine(hits, other.pose)
             is_same = bool(around.holds(refined.pose[None])[0])
             is_suspect = is_strained or agreement < SUSPECT
-            if not is_same:  # otherwise it converges to the place found, so its own figures count
-                other, agreement = refined, self._agreement(refined, hits, reference)
+            # If it converges to the place found, the fit at its own pose counts.
+            other = matcher.fit(hits, other.pose) if is_same else refined
+            agreement = self._agreement(other, hits, reference)
             better = overlap - other.on_surface.mean()
             # Where most returns lie on surfaces, the others may be people where the map is free.
             if other.on_surface.mean() < DOUBTFUL:
                 better = max(better, agrees - agreement)
             # Of a place that hardly overlaps the map, agreement says little: it is a share of few returns.
             agrees_less = other.on_surface.mean() >= CONVINCING and agrees < agreement
-            if agrees_less or better < (CLEARLY_BETTER if is_suspect else FAR_BETTER):
+            is_better = not agrees_less and better >= (CLEARLY_BETTER if is_suspect else FAR_BETTER)
+            if is_better and not is_strained:
+                # New space and people also hide the map. After a slip, the sweep looks through its walls.
+                is_better = self._missing(other, sweep) - self._missing(match, sweep) >= CLEARLY_BETTER
+            if not is_better:
                 return (match, False) if is_strained and not is_same else (None, False)
         best = Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD)
         least = max(LEAST_SCORE, found.score - 2 * RIVAL_WORSE)
@@ -231,15 +240,18 @@ class SlipWatch:
             ):
                 return match, False
         if self._undecided:
-            match = matcher.refine(sweep.hits.thinned(MOST_POINTS), match.pose)
+            match = matcher.refine(sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS), match.pose)
         return match, True
 
     def _together(
         self, sweep: LaserSweep, guess: NDArray[np.float64]
     ) -> tuple[SurfacePoints, NDArray[np.int64]]:
         """Join a sweep with the undecided ones before it: the points in its frame, and each point's sweep."""
-        every = [one.sweep.hits.moved(relative(guess, one.guess)) for one in self._undecided]
-        every.append(sweep.hits)
+        every = [
+            one.sweep.hits.chosen(one.sweep.is_wide).moved(relative(guess, one.guess))
+            for one in self._undecided
+        ]
+        every.append(sweep.hits.chosen(sweep.is_wide))
         owner = np.repeat(np.arange(len(every)), [len(one) for one in every])
         step = -(-len(owner) // (MOST_POINTS * min(len(every), 2)))
         joined = SurfacePoints.joined(every)
@@ -249,11 +261,20 @@ class SlipWatch:
         """Return whether enough returns lie on surfaces, and the sweep did not look through others."""
         if found.on_surface.mean() < least_overlap:
             return False
-        apart = np.hypot(*(self._keys.poses - found.pose)[:, :2].T)
+        return bool(sweep.looked_through(self._around(found)).mean() <= MOST_MISSING)
+
+    def _missing(self, match: Match, sweep: LaserSweep) -> float:
+        """Return the share of the map's surfaces in the sweep's view that it looked through."""
+        surfaces = self._around(match)
+        beams = sweep.beams_at(np.arctan2(surfaces[:, 1], surfaces[:, 0]))
+        near = (beams < len(sweep)) & (np.hypot(*surfaces.T) < NEAR_M)
+        return float(sweep.looked_through(surfaces[near]).mean()) if near.any() else 0.0
+
+    def _around(self, match: Match) -> NDArray[np.float64]:
+        """Return the map's surfaces around a match as seen from there, `(N, 2)`, m."""
+        apart = np.hypot(*(self._keys.poses - match.pose)[:, :2].T)
         reference = self._keys.spaced(np.argsort(apart, kind="stable").tolist(), MOST_SWEEPS)
-        surfaces = self._keys.surfaces(reference).points
-        seen_from = relative(found.pose, np.zeros(3))
-        return bool(sweep.looked_through(transform_points(seen_from, surfaces)).mean() <= MOST_MISSING)
+        return self._keys.lasting_surfaces(reference).seen_from(match.pose).points
 
     def _agreement(self, match: Match, hits: SurfacePoints, reference: list[int]) -> float:
         """Return the share of the returns in space seen before that lie on the surfaces seen there."""
