@@ -10,6 +10,7 @@ from robbie_robots.workers.planar_pose import relative, rotate, transform_points
 NEIGHBOURS_EACH_SIDE = 6
 SMALLEST_REACH_M = 0.2
 REACH_PER_RANGE = 0.06  # far beams are far apart on a wall seen at a grazing angle
+FEWEST_OF_A_LINE = 3
 FLATNESS = 0.1  # greatest share of the spread across a surface to that along it
 GRAZING = 5  # successive points that show a wall at which the beams graze, however far apart they are,
 GRAZING_GROWTH = 2.5  # if each gap is at most this many times the next one
@@ -54,7 +55,10 @@ class SurfacePoints:
         return SurfacePoints(self.points[::every], self.normals[::every])
 
     def narrow(self) -> NDArray[np.bool_]:
-        """Return which points `(N,)` of a sweep show a narrow thing, such as a leg, and not a wall."""
+        """Return which points `(N,)` of a sweep show a narrow thing, such as a leg, and not a wall.
+
+        A wall at which the beams graze is also seen as single points.
+        """
         if not len(self):
             return np.zeros(0, np.bool_)
         gap = np.diff(self.points, axis=0)
@@ -63,7 +67,9 @@ class SurfacePoints:
         first = np.concatenate([[0], np.flatnonzero(begins) + 1])
         last = np.append(first[1:], len(self)) - 1
         wide_m = np.hypot(*(self.points[last] - self.points[first]).T)
-        return np.asarray(np.repeat(wide_m < NARROW_M, last - first + 1))
+        count = last - first + 1
+        is_grazed = np.repeat(count < FEWEST_OF_A_LINE, count) & self.normals.any(axis=1)
+        return np.asarray(np.repeat(wide_m < NARROW_M, count) & ~is_grazed)
 
     def filled(self) -> "SurfacePoints":
         """Add points in the gaps of walls on which successive beams are far apart.
@@ -114,7 +120,7 @@ def _normals(points: NDArray[np.float64], ranges: NDArray[np.float64]) -> NDArra
     xx, xy, yy = xx - x * x / count, xy - x * y / count, yy - y * y / count
     heading = 0.5 * np.arctan2(2 * xy, xx - yy)  # of the surface
     spread, middle = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
-    known = (count >= 3) & (middle - spread < FLATNESS * (middle + spread))
+    known = (count >= FEWEST_OF_A_LINE) & (middle - spread < FLATNESS * (middle + spread))
     normals = np.column_stack([-np.sin(heading), np.cos(heading)]) * known[:, None]
     normals = np.where(known[:, None], normals, _grazed(points))
     normals[np.einsum("ij,ij->i", normals, points) > 0] *= -1

@@ -34,3 +34,11 @@ def test_points_that_stand_alone_get_no_normal_and_are_not_joined() -> None:
     seen = SurfacePoints.from_bearings(np.radians(np.arange(40.0) * 3), ranges)
     assert not seen.normals.any()
     assert len(seen.filled()) == len(seen)
+
+
+def test_person_before_a_wall_is_narrow_and_the_wall_is_not_even_where_beams_graze_it() -> None:
+    bearings = np.radians(np.arange(4.0, 91.0))
+    ranges = 1.5 / np.sin(bearings)
+    ranges[56:66] = 1.0
+    narrow = SurfacePoints.from_bearings(bearings, ranges).narrow()
+    assert np.flatnonzero(narrow).tolist() == list(range(56, 66))
