@@ -12,6 +12,7 @@ def test_conditions_of_each_kind_are_in_range_and_repeatable(kind: str) -> None:
     assert one == other
     assert 0.025 <= one.sweep_s <= 3.0
     assert 4.0 <= one.range_m <= 80.0
+    assert 25.0 <= one.way_m <= 800.0
     assert 0.005 <= one.drift <= 0.3
 
 
@@ -37,5 +38,5 @@ def test_map_of_a_world_is_much_better_than_its_odometry(kind: str) -> None:
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("seed", [1, 3])
 def test_crowd_is_not_taken_for_a_slip(seed: int) -> None:
-    """Where people stood before walls, a pose 0.3 or 0.7 m off agreed better with the map."""
-    assert trial("crowd", seed).slips == 0
+    """People who walk along with the robot agreed better with the map at a pose 0.1 to 1 m off."""
+    assert trial("crowd", seed).error_m < 0.05
