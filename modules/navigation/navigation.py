@@ -32,6 +32,8 @@ from robbie_mp.messages import (
     NavigationResult,
     OccupancyGrid,
     Path,
+    PathPlanned,
+    PlanPath,
     Point,
     Pose,
     PoseStamped,
@@ -51,10 +53,11 @@ from robbie_robots.modules.maps.planar_messages import (
 from robbie_robots.workers.maps.map_annotations import forbid
 from robbie_robots.workers.maps.navigation_grid import NavigationGrid
 from robbie_robots.workers.navigation.collision_guard import CollisionGuard
-from robbie_robots.workers.navigation.navigator import Navigator
+from robbie_robots.workers.navigation.navigator import Navigator, NotReady
 from robbie_robots.workers.navigation.navigator_states import RESTING, NavigatorSettings, NavigatorState
 from robbie_robots.workers.navigation.path_follower import FollowerSettings, PathFollower
 from robbie_robots.workers.navigation.path_planner import cell_costs
+from robbie_robots.workers.navigation.way_planner import Obstruction
 
 MAP_FRAMES = ("map", "")
 
@@ -72,7 +75,7 @@ class Navigation(Module):
     `path`; the `Costmap` on which it was planned on `costmap`; and the goal that it drives to as
     `PoseStamped` on topic `goal`, without a frame when there is none any more. A newer goal takes the
     place of the older one, whose client gets `GoalPreempted`. `CancelNavigation` ends any goal. The goal
-    survives a restart: its client notices nothing.
+    survives a restart: its client notices nothing. `PlanPath` returns a path and does not drive it.
     """
 
     period_s: float = setting(0.06, "time between drive commands", minimum=0.01)
@@ -143,6 +146,7 @@ class Navigation(Module):
             self.accepted_s = self.restored["accepted_s"]
         self.serve_goals(NavigateTo, self.on_goal, self.on_cancel)
         self.serve(CancelNavigation, self.on_cancel_navigation)
+        self.serve(PlanPath, self.on_plan_path)
         newest = MessageHandling.KEEP_ONLY_NEWEST
         self.subscribe(TimeJump, self.on_time_jump, optional=True)
         self.subscribe(MapAnnotations, self.on_annotations, newest, optional=True)
@@ -197,6 +201,20 @@ class Navigation(Module):
         self._stop(request.reason)
         active.cancelled(request.reason)
         return NavigationCancelled(client=active.client)
+
+    def on_plan_path(self, request: PlanPath) -> PathPlanned:
+        """Plan a path as for a goal, with the robot, its obstacles and no-go areas as they are now."""
+        if self.navigator is None:
+            raise CallRefused("no scan has arrived yet")
+        goal = self._pose_of(NavigateTo(pose=request.pose))
+        eye = request.seen_from[0] if request.seen_from else None
+        try:
+            way = self.navigator.way_to(goal, None if eye is None else (eye.x, eye.y))
+        except NotReady as error:
+            raise CallRefused(str(error)) from error
+        if way.obstruction is not Obstruction.NONE:
+            raise CallRefused(way.obstruction)
+        return PathPlanned(path=self._message_of(way.path))
 
     def _stop(self, reason: str) -> None:
         """Forget the goal and stop the drive at once, without waiting for the last command to expire."""
@@ -392,11 +410,14 @@ class Navigation(Module):
 
     def _publish_path(self, path: NDArray[np.float64]) -> None:
         self.path = path
+        self.publish(self._message_of(path), topic="path")
+
+    def _message_of(self, path: NDArray[np.float64]) -> Path:
         header = Header(stamp=self.now(), frame_id="map")
         ahead = np.diff(path, axis=0, append=path[-1:])
         headings = np.arctan2(ahead[:, 1], ahead[:, 0])
         poses = [pose_stamped([*xy, heading], header) for xy, heading in zip(path, headings, strict=True)]
-        self.publish(Path(header=header, poses=poses), topic="path")
+        return Path(header=header, poses=poses)
 
     def _publish_costmap(self, grid: NavigationGrid) -> None:
         self.costs_of = grid

@@ -11,6 +11,8 @@ OCCUPIED_PERCENT = 50
 FORBIDDEN = 127
 # Margin around the known cells, so that each of them has all its neighbours.
 MARGIN_CELLS = 2
+HIDES_M = 0.1
+"""An obstacle that is nearer to a point than this does not hide it: the point may be its foot."""
 
 Cell = tuple[int, int]
 
@@ -102,6 +104,25 @@ class NavigationGrid:
     def forbids(self, xy_m: ArrayLike) -> bool:
         """Return whether a point, m, map frame, lies in a no-go area."""
         return self.holds(xy_m) and bool(self.forbidden[self.cell(xy_m)])
+
+    def hides(self, xy_m: ArrayLike, from_xy_m: ArrayLike) -> bool:
+        """Return whether an obstacle stands between a point and a place that it is seen from, m, map frame.
+
+        What is at the point itself does not count, and neither do no-go areas, nor what is not on the grid.
+        """
+        if not self.holds(xy_m):
+            return False
+        point, eye = (np.asarray(end, float)[:2] for end in (xy_m, from_xy_m))
+        height, width = self.free.shape
+        way_m = float(np.hypot(*(eye - point)))
+        steps_m = np.arange(
+            HIDES_M, min(way_m, np.hypot(height, width) * self.resolution_m), self.resolution_m / 2
+        )
+        places = point + steps_m[:, None] * (eye - point) / max(way_m, HIDES_M)
+        columns, rows = np.floor((places - self._corner) / self.resolution_m).astype(np.int64).T
+        on_grid = (rows >= 0) & (columns >= 0) & (rows < height) & (columns < width)
+        obstacles = ~self.free & ~self.unknown & ~self.forbidden
+        return bool(obstacles[rows[on_grid], columns[on_grid]].any())
 
     def middles_m(self, cells: ArrayLike) -> NDArray[np.float64]:
         """Return the middles `(..., 2)`, m, map frame, of cells `(..., 2)` given as (row, column)."""

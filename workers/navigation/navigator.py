@@ -43,6 +43,10 @@ PASSABLE = (Obstruction.UNKNOWN_GOAL, Obstruction.NO_WAY, Obstruction.ROBOT)
 DETOUR_M = 1.0  # a path that is longer than the previous one by this much counts as a detour
 
 
+class NotReady(RuntimeError):
+    """The navigator does not know enough to plan."""
+
+
 class _Seen(NamedTuple):
     """What a laser has seen last, when the sweep was published, in the clock's time, and its stamp."""
 
@@ -156,6 +160,24 @@ class Navigator:
         self._renew()
         self.machine.go(NavigatorState.DRIVE, "a new goal")
 
+    def way_to(self, goal: ArrayLike, seen_from: ArrayLike | None = None) -> Way:
+        """Plan a path to (x m, y m, heading rad), map frame, without driving it.
+
+        Args:
+            goal: Where the path leads.
+            seen_from: (x m, y m) from where somebody sees the goal; None: nobody needs to.
+
+        Raises:
+            NotReady: Laser, pose or map is missing.
+        """
+        if (missing := self._what_is_missing()) is not None:
+            raise NotReady(self._why(missing))
+        situation = self._situation_of(np.asarray(goal, float))
+        grid = situation.costmap.grid(self._obstacles, self._clock())
+        if seen_from is not None and grid.hides(situation.goal, seen_from):
+            return Way(Obstruction.HIDDEN_GOAL)
+        return self._find(situation, grid)
+
     def cancel(self, reason: str) -> None:
         """Forget the goal."""
         self.goal = None
@@ -255,14 +277,17 @@ class Navigator:
 
     def _situation(self) -> _Situation:
         """Return the inputs for driving. Call it only if nothing stops the robot and it has a goal."""
+        assert self.goal is not None
+        return self._situation_of(self.goal)
+
+    def _situation_of(self, goal: NDArray[np.float64]) -> _Situation:
+        """Return the inputs for a goal. Call it only if none is missing."""
         assert self._costmap is not None
         assert self._pose is not None
-        assert self._sweep is not None
-        assert self.goal is not None
         seen = [self._sweep, *filter(self._is_fresh, self._further.values())]
         pose, points = self._pose[0], self._guard.near_points(one.mounted for one in seen if one is not None)
         loose = self._costmap.shows_free(transform_points(pose, points))
-        return _Situation(self._costmap, pose, points, loose, self.goal)
+        return _Situation(self._costmap, pose, points, loose, goal)
 
     def _is_fresh(self, laser: _Seen | None) -> bool:
         return laser is not None and self._clock() - laser.told_s <= self.settings.stale_s
@@ -290,6 +315,10 @@ class Navigator:
             return NavigatorState.EMERGENCY_STOP
         if self._hold:
             return NavigatorState.STOPPED_HOLD
+        return self._what_is_missing()
+
+    def _what_is_missing(self) -> NavigatorState | None:
+        """Return the state of a robot that does not know enough to drive; None if it knows all."""
         if self._is_old(self._sweep):
             return NavigatorState.STOPPED_NO_LASER
         if self._is_old(self._pose):
@@ -320,23 +349,32 @@ class Navigator:
         self._detours = self.recoveries = 0
 
     def _plan(self, situation: _Situation) -> None:
-        """Plan on the map with live obstacles; if that fails, check whether the map alone has a path."""
+        """Follow a new path; if there is none, recover or give up."""
         self._planned_s = self._clock()
         self.grid = situation.costmap.grid(self._obstacles, self._clock())
-        way = self._way(situation, self.grid)
+        way = self._find(situation, self.grid)
         if way.obstruction is Obstruction.NONE:
             self._take(way)
             return
         self.follower.follow(())
+        if way.obstruction in (Obstruction.BLOCKED, Obstruction.ROBOT):
+            self._recover(way.obstruction)
+        else:
+            self._end(NavigatorState.UNREACHABLE, way.obstruction)
+
+    def _find(self, situation: _Situation, grid: NavigationGrid) -> Way:
+        """Plan on the map with live obstacles; if that fails, check whether the map alone has a path."""
+        way = self._way(situation, grid)
+        if way.obstruction is Obstruction.NONE:
+            return way
         on_map = self._way(situation, situation.costmap.static_grid)
         if on_map.obstruction is Obstruction.NONE:
-            self._recover("an obstacle that is not on the map blocks the path")
-        elif (unseen := self._way_through_unknown(situation, on_map.obstruction)) is not None:
-            self._take(unseen)
-        elif on_map.obstruction in (Obstruction.ROBOT, Obstruction.NO_WAY):
-            self._squeeze_through(situation, on_map.obstruction)
-        else:
-            self._end(NavigatorState.UNREACHABLE, on_map.obstruction)
+            return Way(Obstruction.BLOCKED)
+        if (unseen := self._way_through_unknown(situation, on_map.obstruction)) is not None:
+            return unseen
+        if on_map.obstruction in (Obstruction.ROBOT, Obstruction.NO_WAY):
+            return self._way_through_narrow(situation, grid, on_map.obstruction)
+        return on_map
 
     def _way_through_unknown(self, situation: _Situation, obstruction: Obstruction) -> Way | None:
         """Plan through what was never seen or has gone, if the robot may, and the map alone has no path."""
@@ -346,18 +384,14 @@ class Navigator:
         way = None if grid is None else self._way(situation, grid)
         return way if way is not None and way.obstruction is Obstruction.NONE else None
 
-    def _squeeze_through(self, situation: _Situation, obstruction: Obstruction) -> None:
+    def _way_through_narrow(
+        self, situation: _Situation, grid: NavigationGrid, obstruction: Obstruction
+    ) -> Way:
         """Plan with the smaller clearance, because the robot may have entered a narrow place unknowingly."""
         settings = self.settings
-        grid = situation.costmap.grid(self._obstacles, self._clock())
         tight = grid.around_robot(situation.pose, settings.body_radius_m, settings.tight_clearance_m)
         way = self._way(situation, tight)
-        if way.obstruction is Obstruction.NONE:
-            self._take(way)
-        elif obstruction is Obstruction.ROBOT:
-            self._recover(obstruction)
-        else:
-            self._end(NavigatorState.UNREACHABLE, obstruction)
+        return way if way.obstruction is Obstruction.NONE else Way(obstruction)
 
     def _way(self, situation: _Situation, grid: NavigationGrid) -> Way:
         settings = self.settings

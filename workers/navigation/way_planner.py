@@ -19,6 +19,8 @@ class Obstruction(StrEnum):
     UNKNOWN_GOAL = "the goal lies in unknown space"
     OCCUPIED_GOAL = "the goal lies in or too near to an obstacle"
     FORBIDDEN_GOAL = "the goal lies in a no-go area"
+    HIDDEN_GOAL = "a wall or an obstacle stands before the goal, and nobody can see it from there"
+    BLOCKED = "an obstacle that is not on the map blocks the path"
     NO_WAY = "no path leads to the goal"
 
 

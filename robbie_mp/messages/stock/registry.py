@@ -88,6 +88,8 @@ def stock_registry() -> TypeRegistry:
             robbie_msgs.NavigationFeedback,
             robbie_msgs.NavigationResult,
             robbie_msgs.PanTiltCommand,
+            robbie_msgs.PathPlanned,
+            robbie_msgs.PlanPath,
             robbie_msgs.PointsOfInterest,
             robbie_msgs.RecognitionForgotten,
             robbie_msgs.RecognitionTaught,

@@ -17,6 +17,7 @@ from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
 from robbie_mp.messages.stock.geometry_msgs import Point, Pose, PoseStamped
+from robbie_mp.messages.stock.nav_msgs import Path
 from robbie_mp.messages.stock.sensor_msgs import Image
 from robbie_mp.messages.stock.std_msgs import Header
 from robbie_mp.messages.stock.vision_msgs import BoundingBox2D
@@ -386,6 +387,24 @@ class NavigateTo(
 
     pose: PoseStamped = DEFAULT  # frame_id: map, or empty
     place: str = DEFAULT  # name of a place of MapAnnotations, which then gives the pose; '': the pose above
+
+
+class PathPlanned(Reply, name="robbie_msgs/srv/PlanPath_Response", version=1):
+    """A path on which the robot can drive, by what it knows now."""
+
+    path: Path = DEFAULT  # from the robot to the goal
+
+
+class PlanPath(Request[PathPlanned], name="robbie_msgs/srv/PlanPath_Request", version=1):
+    """Plan the path to a goal, and do not drive it. It is refused if no path leads there."""
+
+    pose: PoseStamped = DEFAULT  # frame_id: map, or empty
+    seen_from: list[Point] = DEFAULT  # place of the camera that saw the goal; nothing may be between
+
+    def flaw(self) -> Flaw | None:
+        """Return whether the goal was seen from several places."""
+        count = len(self.seen_from)
+        return Flaw("seen_from", count, "one place, or none") if count > 1 else None
 
 
 class NavigationCancelled(Reply, name="robbie_msgs/srv/CancelNavigation_Response", version=1):

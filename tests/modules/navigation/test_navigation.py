@@ -1,5 +1,6 @@
 """The module of navigation in the demo arena, driven in a test's time."""
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robbie_mp import EncodedMessage, Header, Message, ModuleHarness, SettingError, Time
+from robbie_mp import CallRefused, EncodedMessage, Header, Message, ModuleHarness, SettingError, Time
 from robbie_mp.messages import (
     CallRefusal,
     CancelNavigation,
@@ -15,6 +16,7 @@ from robbie_mp.messages import (
     DriveCommand,
     EmergencyStop,
     GoalEnd,
+    IllFormed,
     LaserScan,
     MapAnnotations,
     MapMetaData,
@@ -24,6 +26,8 @@ from robbie_mp.messages import (
     NavigationResult,
     NoGoArea,
     OccupancyGrid,
+    PathPlanned,
+    PlanPath,
     Point,
     PointOfInterest,
     Pose,
@@ -35,6 +39,7 @@ from robbie_mp.messages import (
     TransformStamped,
     Vector3,
     as_dict,
+    check_well_formed,
     decode_version,
     from_dict,
     message_type_from_schema,
@@ -54,6 +59,8 @@ from tests._support.places import ARENAS
 ARENA = read_arena(ARENAS / "demo.yaml")
 CELLS, CORNER = drawn_map(ARENA, 0.05)
 STEP_S = 0.12
+WALL, BEHIND_WALL = (0.5, 3.02), (0.6, 3.65)
+"""In the wall to the left of the start, and in the room behind it; a door leads there."""
 
 
 def pose_of(x_m: float, y_m: float, heading_rad: float) -> Pose:
@@ -524,3 +531,53 @@ def test_goal_of_version_1_is_read_as_a_pose() -> None:
     old = message_type_from_schema(NavigateTo.type_name, before, 1)
     written = from_dict(old, {name: value for name, value in as_dict(GOAL).items() if name != "place"})
     assert decode_version(NavigateTo, written.encode(), 1, before) == GOAL
+
+
+def planned(robot: Robot, x_m: float, y_m: float, seen_from: list[Point]) -> PathPlanned:
+    """Ask for the path to a place."""
+    place = PoseStamped(header=Header(frame_id="map"), pose=pose_of(x_m, y_m, 0.0))
+    return robot.harness.call(PlanPath(pose=place, seen_from=seen_from))
+
+
+def test_path_is_planned_and_not_driven(robot: Robot) -> None:
+    with pytest.raises(CallRefused, match="no scan has arrived yet"):
+        planned(robot, 3.5, 2.4, [])
+    robot.go_on(1.0)
+    begin = robot.drive.ground_truth().pose
+    found = [(one.pose.position.x, one.pose.position.y) for one in planned(robot, 3.5, 2.4, []).path.poses]
+    assert math.dist(found[0], begin[:2]) < 0.1
+    assert math.dist(found[-1], (3.5, 2.4)) < 0.1
+    assert max(math.dist(a, b) for a, b in itertools.pairwise(found)) < 0.1
+    robot.go_on(2.0)
+    assert robot.drive.ground_truth().pose == begin
+    assert robot.harness.take(DriveCommand) == []
+    assert not any(path.poses for path in robot.harness.take(PathMessage))
+
+
+def test_path_is_refused_with_the_reason(robot: Robot) -> None:
+    robot.go_on(1.0)
+    for x_m, y_m, reason in ((-3.0, 0.0, "unknown"), (WALL[0], WALL[1], "in or too near to an obstacle")):
+        with pytest.raises(CallRefused, match=reason):
+            planned(robot, x_m, y_m, [])
+    robot.has_laser = False
+    robot.go_on(1.0)
+    with pytest.raises(CallRefused, match=r"no scan for [0-9.]+ s"):
+        planned(robot, 3.5, 2.4, [])
+
+
+def test_goal_that_a_camera_cannot_have_seen_is_refused(robot: Robot) -> None:
+    robot.go_on(1.0)
+    x_m, y_m, _ = robot.drive.ground_truth().pose
+    eye = [Point(x=x_m, y=y_m)]
+    assert planned(robot, x_m + 1.0, y_m, eye).path.poses
+    assert planned(robot, *BEHIND_WALL, []).path.poses
+    with pytest.raises(CallRefused, match="stands before the goal"):
+        planned(robot, *BEHIND_WALL, eye)
+    far = [Point(x=9e5, y=9e5)]
+    with pytest.raises(CallRefused, match="stands before the goal"):
+        planned(robot, *BEHIND_WALL, far)
+
+
+def test_goal_that_two_places_have_seen_is_ill_formed() -> None:
+    with pytest.raises(IllFormed, match="seen_from"):
+        check_well_formed(PlanPath(seen_from=[Point(), Point()]))
