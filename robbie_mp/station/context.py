@@ -12,6 +12,7 @@ from robbie_mp.scene import SceneGraphListener
 from robbie_mp.station.driving.command import RobotCommand
 from robbie_mp.station.driving.motion import RobotMotion
 from robbie_mp.station.driving.operators import Operators
+from robbie_mp.station.floor.sight import FloorSight
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map.marks import MapMarks, PlacesWatch
 from robbie_mp.station.past.player import ClipPlayer
@@ -64,6 +65,8 @@ class RobotView:
     joints: JointsWatch
     births: Births
     """When what they saw was measured."""
+    floor: FloorSight
+    """Where the floor is in the cameras' pictures."""
 
 
 @dataclass(frozen=True)
@@ -105,19 +108,26 @@ def context_of(station: StationModule) -> StationContext:
     player = ClipPlayer(known.folder, output, public_address(station.public_address).path, station.log)
     run = RunView(known, output, figures, settings_watch, player, station.log_source)
     scene = SceneGraphListener(station, hears_time_jumps=False)
-    station.hear(TimeJump, lambda _jump: scene.forget())
     places = PlacesWatch(station)
     operators = Operators(RobotCommand(station, station.publish))
     motion = RobotMotion(station, scene, operators.pages, station.robot_size_m, station.now_s)
     is_real = RunPlan.load(station.known_run.folder).clock.source is None
     births = Births(station.clock, station.now_s, is_real=is_real)
+    floor = FloorSight(station, scene.graph, births, station.clock, operators.pages, station.map_topic)
+
+    def forget(_jump: TimeJump) -> None:
+        scene.forget()
+        floor.forget()
+
+    station.hear(TimeJump, forget)
     robot = RobotView(
         scene,
         motion,
-        Cameras(station, births, partial(has_turned, scene)),
+        Cameras(station, births, partial(has_turned, scene), floor),
         LightsWatch(station),
         JointsWatch(station),
         births,
+        floor,
     )
     return StationContext(
         messages=station,

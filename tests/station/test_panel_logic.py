@@ -25,9 +25,10 @@ from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.station.map.goals import checked
+from robbie_mp.station.map.way import way_points
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panels import plots
-from robbie_mp.station.panels.map import MAX_PATH_POINTS, cost_cells, doubt_mark, doubts, way_points
+from robbie_mp.station.panels.map import MAX_PATH_POINTS, cost_cells, doubt_mark, doubts
 from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
 from robbie_mp.station.watch.topic import nodes_of
 
@@ -106,10 +107,10 @@ def test_malformed_goals_are_ignored(sent: object) -> None:
 
 def test_long_path_is_thinned_but_keeps_its_end() -> None:
     path = Path(poses=[PoseStamped(pose=Pose(position=Point(x=x))) for x in range(10 * MAX_PATH_POINTS)])
-    points = way_points(path)
+    points = way_points(path, MAX_PATH_POINTS)
     assert len(points) <= MAX_PATH_POINTS + 1
     assert (points[0], points[-1]) == ([0.0, 0.0], [10.0 * MAX_PATH_POINTS - 1, 0.0])
-    assert way_points(Path()) == []
+    assert way_points(Path(), MAX_PATH_POINTS) == []
 
 
 def test_doubts_about_the_map_are_drawn_as_an_ellipse_and_said_in_words() -> None:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+import pathlib
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 from nicegui.element import Element
 
+from robbie_mp.messages import ControlState, Path, PoseStamped
 from robbie_mp.station.driving.motion import heading_deg
+from robbie_mp.station.floor.picture import FloorPicture, track_of
+from robbie_mp.station.floor.touch_to_go import COLOUR, MAX_POINTS, Proposals, TouchToGo
+from robbie_mp.station.map.goals import goal_now
+from robbie_mp.station.map.way import way_points
 from robbie_mp.station.panel import Panel
 from robbie_mp.station.panels.camera_look import CameraLook, direction_of
 from robbie_mp.station.panels.cameras import REFRESH_S, DetectionBoxes, NewestImage
@@ -31,7 +36,7 @@ BEHIND_RAD = 2.1
 LOOKS_BACK_S = 1.5
 MAX_SMALL = 3
 """Maximum number of small pictures beside the large one."""
-STYLE = Path(__file__).parent / "camera.css"
+STYLE = pathlib.Path(__file__).parent / "camera.css"
 
 
 class HeadUpDisplay(Element, component="hud.js"):
@@ -60,13 +65,26 @@ class CameraPanel(Panel):
         self._station, self._robot = station, station.robot
         self._looks: dict[str, tuple[float, float]] = {}
         self._scale_m_per_s = station.settings.max_linear_m_per_s
+        self._width_m = station.settings.robot_size_m[1]
         words = [*station.settings.objects, *station.settings.persons]
         self._teaching = Teaching(station.messages, station.robot.cameras, words)
+        messages = station.messages
+        self._pose, self._control = (
+            messages.newest(PoseStamped, "map_pose"),
+            messages.newest(ControlState, "control"),
+        )
+        self._goal, self._path = messages.newest(PoseStamped, "goal"), messages.newest(Path, "path")
+        self._driven: tuple[int, list[list[float]]] = (0, [])
+        self._proposals = Proposals(station.operators.pages)
+        station.map.marks.add("proposed goals", self._proposals.marks)
+        station.map.marks.add_cells("Proposed way", COLOUR, self._proposals.cells)
 
     def tick(self) -> None:
-        """Look where the cameras look."""
+        """Look where the cameras look, and which way the robot drives."""
         if not self.is_looked_at:
             return
+        if self._driven[0] != self._path.count:
+            self._driven = (self._path.count, way_points(self._path.message, MAX_POINTS))
         for name, camera in self._robot.cameras.found.items():
             image = camera.latest.message
             look = direction_of(self._robot.scene.graph, image.header.frame_id) if image else None
@@ -78,7 +96,11 @@ class CameraPanel(Panel):
     def build(self, page: Page) -> None:
         """Build the large picture, the small ones, the display, and an operator's tools."""
         ui.add_css(STYLE)
-        stage = Stage(self._robot.cameras, self._looks, self._scale_m_per_s)
+        touch = None
+        if page.can_command:
+            touch = TouchToGo(self._station, page, self._proposals, self._pose, self._control)
+            page.add_key("j", "Camera: choose a place on the floor by the arrows, and Enter")
+        stage = Stage(self._robot.cameras, self._looks, self._scale_m_per_s, touch)
         if page.can_command:
             self._teaching.build(page, self.name, stage.root, lambda: stage.chosen)
             LightSwitch(page, self._robot.lights, self.name)
@@ -88,7 +110,9 @@ class CameraPanel(Panel):
         page.add_key("c", "Next camera", stage.turn)
 
         def update() -> None:
-            stage.update(self._robot.motion.now, page.driver.slowed if page.driver else 1.0)
+            now = self._robot.motion.now
+            stage.update(now, page.driver.slowed if page.driver else 1.0)
+            stage.draw(track_of(now, self._width_m), self._driven[1] if goal_now(self._goal.message) else [])
 
         update()  # so that the picture comes with the page, and not after it
         page.every(REFRESH_S, self.name, update)
@@ -101,10 +125,17 @@ class Stage:
         cameras: the cameras of the robot.
         looks: where each camera looks: to the left and down, rad.
         scale_m_per_s: speed at the end of the display's scale.
+        touch: what an operator does with the floor; None on the page of an observer.
     """
 
-    def __init__(self, cameras: Cameras, looks: Mapping[str, tuple[float, float]], scale_m_per_s: float):
-        self._cameras, self._looks = cameras, looks
+    def __init__(
+        self,
+        cameras: Cameras,
+        looks: Mapping[str, tuple[float, float]],
+        scale_m_per_s: float,
+        touch: TouchToGo | None = None,
+    ):
+        self._cameras, self._looks, self._touch = cameras, looks, touch
         self._scale_m_per_s = scale_m_per_s
         self._chosen = ""
         self._before = ""
@@ -114,7 +145,7 @@ class Stage:
         self._stays = False
         """An operator has chosen a camera since the robot last went ahead or stood."""
         self._reverse_s = -math.inf
-        self._large: tuple[str, DetectionBoxes] | None = None
+        self._large: tuple[str, DetectionBoxes, FloorPicture] | None = None
         self._small: list[str] = []
         self.root = ui.element("div").classes("camera-stage drives")
         with self.root:
@@ -154,6 +185,17 @@ class Stage:
             display_of(movement, self._chosen, self._scale_m_per_s, slowed, self._looks.get(self._chosen))
         )
 
+    def draw(self, track: list[float] | None, driven: list[list[float]]) -> None:
+        """Draw on the floor of the large picture.
+
+        Args:
+            track: of the robot, as `track_of` returns it.
+            driven: the way that the robot drives.
+        """
+        proposal = None if self._touch is None else self._touch.shown()
+        if self._large is not None:
+            self._large[2].show(track=track, driven=driven, proposal=proposal)
+
     def _is_rear(self, name: str) -> bool:
         return name in self._looks and abs(self._looks[name][0]) > BEHIND_RAD
 
@@ -179,8 +221,11 @@ class Stage:
             with self._picture:
                 NewestImage(name, drives=True)
                 boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
-            self._large = (name, boxes)
-        _, boxes = self._large
+                floor = FloorPicture(name)
+            if self._touch is not None:
+                self._touch.listen(floor)
+            self._large = (name, boxes, floor)
+        boxes = self._large[1]
         boxes.show(self._cameras.boxes(name))
 
     def _show_small(self, names: list[str]) -> None:

@@ -47,6 +47,7 @@ from robbie_mp.station.map.goals import (
 )
 from robbie_mp.station.map.marks import CellMarks, MapMark
 from robbie_mp.station.map.trail import Trail
+from robbie_mp.station.map.way import way_points
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
@@ -64,7 +65,6 @@ GOALS_PERIOD_S = 0.3
 GROUP = "marks"
 """Group of live parts with the marks on the map."""
 MAX_PATH_POINTS = 500
-"""Maximum number of points. Longer paths are drawn with every second, third … point."""
 MODES = {"": "Move", GOAL: "Set goal", NEXT_GOAL: "Add goal", INITIAL_POSE: "Set pose"}
 """The effect of a press on the map."""
 HINTS = {
@@ -360,7 +360,8 @@ class MapPanel(Panel):
 
     def _encoded_path(self) -> bytes:
         if self._way[0] != self._path.count:
-            self._way = (self._path.count, json.dumps(way_points(self._path.message)).encode())
+            points = way_points(self._path.message, MAX_PATH_POINTS)
+            self._way = (self._path.count, json.dumps(points).encode())
         return self._way[1]
 
     def _encoded_trail(self) -> bytes:
@@ -434,14 +435,6 @@ def cost_cells(newest: Latest[Costmap], least: int, greatest: int) -> CellMarks:
     x_m = corner.x + math.cos(yaw) * along - math.sin(yaw) * up
     y_m = corner.y + math.sin(yaw) * along + math.cos(yaw) * up
     return CellMarks(newest.count, np.column_stack([x_m, y_m]), info.resolution)
-
-
-def way_points(path: Path | None) -> list[list[float]]:
-    """Return x and y (m) of the points of a path. Long paths are thinned."""
-    poses = path.poses if path else []
-    every = math.ceil(len(poses) / MAX_PATH_POINTS) or 1
-    positions = [one.pose.position for one in (*poses[:-1:every], *poses[-1:])]
-    return [[round(one.x, 3), round(one.y, 3)] for one in positions]
 
 
 def frontier_marks(frontiers: Frontiers | None) -> list[list[float]]:

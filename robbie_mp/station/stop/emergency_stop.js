@@ -98,9 +98,10 @@ export default {
       const detail = `the base does not answer; repeated for ${Math.floor(answer.waits_s ?? 0)} s`;
       return { state: "NOT CONFIRMED", look, detail };
     },
-    // Whether Escape closes an open menu, as in any program. If that menu is still open next time, Escape stops the robot.
+    // Whether Escape closes an open menu, or a card that has the focus, as in any program. If it is still open next time,
+    // Escape stops the robot.
     only_closes_a_menu() {
-      const menu = document.querySelector(".q-menu");
+      const menu = document.querySelector(".q-menu, .closes-with-escape:focus-within");
       const is_new = menu !== null && menu !== this.spared;
       this.spared = menu;
       return is_new;

@@ -1,8 +1,9 @@
 """The newest images of the robot's cameras, and what was detected in them."""
 
 import time
-from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import NamedTuple, Protocol
 
 from robbie_mp.messages import CompressedImage, Detection2DArray, Image
 from robbie_mp.module.module import MessageHandling
@@ -16,8 +17,19 @@ FRESH_NS = 500_000_000
 MAX_BOXES = 100
 HasTurned = Callable[[str, int, int], bool]
 """Returns whether a frame has turned between two times, ns."""
+Picture = Image | CompressedImage
 MAX_SENDERS = 16
 """Maximum number of modules that send detections in the images of one topic."""
+
+
+class SeesFloor(Protocol):
+    """Finds the floor in pictures."""
+
+    def see(self, name: str, image: Picture) -> None:
+        """Look at a new picture of a camera, in the module's thread."""
+
+    def about(self, name: str, image: Picture) -> Mapping[str, object]:
+        """Return what a page needs to draw on the floor of a picture. Any thread may call this."""
 
 
 class ImageBox(NamedTuple):
@@ -53,9 +65,11 @@ def boxes_of(found: Detection2DArray, width: int, height: int) -> list[ImageBox]
 class CameraTopic:
     """The images of one topic."""
 
-    def __init__(self, births: Births | None = None) -> None:
+    def __init__(
+        self, births: Births | None = None, about: Callable[[Picture], Mapping[str, object]] | None = None
+    ) -> None:
         self.latest: Latest[Image | CompressedImage] = Latest(births.now_s if births else time.monotonic)
-        self.picture = NewestPicture(self.latest, births)
+        self.picture = NewestPicture(self.latest, births, about)
 
     def boxes(
         self, found: Iterable[Detection2DArray], has_turned: HasTurned = lambda _frame, _before, _now: False
@@ -101,7 +115,9 @@ class Cameras:
         station: MessageSource,
         births: Births | None = None,
         has_turned: HasTurned = lambda _frame, _before, _now: False,
+        floor: SeesFloor | None = None,
     ):
+        self._floor = floor
         self._station = station
         self._has_turned = has_turned
         self._births = births
@@ -119,9 +135,12 @@ class Cameras:
         if camera is None:
             if len(self.found) >= MAX_CAMERAS:
                 return
-            camera = CameraTopic(self._births)
+            about = None if self._floor is None else partial(self._floor.about, name)
+            camera = CameraTopic(self._births, about)
             # A new dict, because pages read the old one.
             self.found = {**self.found, name: camera}
+        if self._floor is not None:
+            self._floor.see(name, image)
         camera.latest.put(image)
 
     def _on_detections(self, found: Detection2DArray) -> None:

@@ -47,7 +47,7 @@ class GradedPicture:
 
     data: bytes
     about: Mapping[str, object]
-    """For the page: `type` of media, or `reason`; and when it was taken on the robot's clock, `born_s`."""
+    """For the page: `type` of media, or `reason`; when it was taken on the robot's clock, `born_s`; more."""
 
 
 class NewestPicture:
@@ -56,10 +56,17 @@ class NewestPicture:
     Args:
         latest: holder of the newest image.
         births: tells when it was taken; None: the answer does not.
+        about: returns what else a page needs to know of an image.
     """
 
-    def __init__(self, latest: Latest[Image | CompressedImage], births: Births | None = None):
+    def __init__(
+        self,
+        latest: Latest[Image | CompressedImage],
+        births: Births | None = None,
+        about: Callable[[Image | CompressedImage], Mapping[str, object]] | None = None,
+    ):
         self._births = births
+        self._about = about or (lambda _image: {})
         self._latest = latest
         self._lock = threading.Lock()
         self._encoded: dict[Grade, tuple[int, GradedPicture]] = {}
@@ -76,7 +83,8 @@ class NewestPicture:
             known = self._encoded.get(grade)
             if known is None or known[0] != count:
                 born_s = self._births.of(self._latest) if self._births else None
-                known = self._encoded[grade] = (count, graded(message, grade, born_s))
+                more = {} if message is None else self._about(message)
+                known = self._encoded[grade] = (count, graded(message, grade, {"born_s": born_s, **more}))
             return known[1]
 
     def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
@@ -89,15 +97,17 @@ class NewestPicture:
         return lambda: self._latest.ignore(look)
 
 
-def graded(message: Image | CompressedImage | None, grade: Grade, born_s: float | None) -> GradedPicture:
-    """Return an image in a grade, or the reason why there is none."""
+def graded(
+    message: Image | CompressedImage | None, grade: Grade, about: Mapping[str, object]
+) -> GradedPicture:
+    """Return an image in a grade, or the reason why there is none, with what else is known about it."""
     try:
         if message is None:
             raise NoPicture("there is none yet")
         picture = encode_image(message, grade.pixels, grade.quality)
     except NoPicture as error:
-        return GradedPicture(b"", {"reason": str(error), "born_s": born_s})
-    return GradedPicture(picture.data, {"type": picture.media_type, "born_s": born_s})
+        return GradedPicture(b"", {"reason": str(error), **about})
+    return GradedPicture(picture.data, {"type": picture.media_type, **about})
 
 
 def answer_with(draw: Callable[[T], Picture], message: T) -> Response:

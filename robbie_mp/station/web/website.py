@@ -252,6 +252,7 @@ class Website:
         self._context.run.player.tick()
         self._map.tick()
         self._context.robot.motion.tick()
+        self._context.robot.floor.tick()
         self._strip.tick()
         for panel in self._panels:
             panel.tick()

@@ -1,0 +1,1 @@
+"""The floor in the pictures of cameras: which place is where, and where the robot will be."""
