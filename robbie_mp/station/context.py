@@ -16,6 +16,7 @@ from robbie_mp.station.floor.sight import FloorSight
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.map.marks import MapMarks, PlacesWatch
 from robbie_mp.station.past.player import ClipPlayer
+from robbie_mp.station.past.recordings import RunRecorder
 from robbie_mp.station.scene_view.picture_pose import has_turned
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.cameras import Cameras
@@ -48,6 +49,8 @@ class RunView:
     """The settings of all modules that can be changed."""
     player: ClipPlayer
     """Plays clips of the run."""
+    recorder: RunRecorder
+    """Records the run when an operator says so."""
     log_source: str = ""
     """Name of the module that plays a log in this run; '' if the run is of a live robot."""
 
@@ -106,7 +109,8 @@ def context_of(station: StationModule) -> StationContext:
     figures = RunWatch(station.run_id)
     known, output = station.known_run, station.output_directory
     player = ClipPlayer(known.folder, output, public_address(station.public_address).path, station.log)
-    run = RunView(known, output, figures, settings_watch, player, station.log_source)
+    recorder = RunRecorder(station.run_id, known.folder, output, station.log)
+    run = RunView(known, output, figures, settings_watch, player, recorder, station.log_source)
     scene = SceneGraphListener(station, hears_time_jumps=False)
     places = PlacesWatch(station)
     operators = Operators(RobotCommand(station, station.publish))

@@ -63,6 +63,19 @@ COUNT = """() => {
 FITS = """panel => [document.documentElement, document.getElementById(panel)].every(
   one => one.scrollWidth <= one.clientWidth)"""
 """Once its letters have been loaded: before, icons are words."""
+SCROLLS = """(panel) => {
+  const { scrollHeight, clientHeight } = document.querySelector(panel);
+  return scrollHeight > clientHeight;
+}"""
+DEPTHS = """() => {
+  const image = document.querySelector("#panel-cameras img[alt='camera range']");
+  if (!image?.naturalWidth) return null;
+  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d");
+  pen.drawImage(image, 0, 0);
+  const near = (level) => [0, 40, 255].find((one) => Math.abs(one - level) < 20) ?? level;
+  return [0, 2, 3].map((x) => near(pen.getImageData(x, 0, 1, 1).data[0]));
+}"""
+"""Returns the brightness of the nearest, the farthest and an unmeasured depth, but for the losses of JPEG."""
 FOX_IS_IN_ITS_PLACE = """() => {
   const picture = document.querySelector("#panel-cameras img").getBoundingClientRect();
   const fox = document.querySelector(".detection-boxes > div").getBoundingClientRect();
@@ -354,7 +367,7 @@ def map_is_shown_and_goal_is_set(page: Page, told: Told) -> None:
 
 def costs_are_shown_on_request(page: Page, obstacle: tuple[int, int]) -> None:
     saved_map(page, obstacle, (255, 255, 255))
-    for colour in ((213, 0, 0), (255, 255, 255)):
+    for colour in ((106, 27, 154), (255, 255, 255)):
         press_until(page, "#map-layers", ".q-menu")
         page.click(".q-menu .q-checkbox:has-text('Costmap: obstacles')")
         page.click("#map-text")
@@ -506,6 +519,15 @@ def cameras_are_shown(page: Page) -> None:
     page.wait_for_selector(".detection-boxes > div:has-text('fox 70%')")
     page.wait_for_function(FOX_IS_IN_ITS_PLACE)
     page.wait_for_selector("#panel-cameras .no-picture:has-text('mystery')")
+    page.wait_for_selector("#panel-cameras :text('4 x 2 16UC1 (depth: near is bright)')")
+    page.wait_for_function(f"({DEPTHS})()?.join() === '255,40,0'")
+    panel, picture = (
+        page.locator(one).bounding_box() for one in ("#panel-cameras", "#panel-cameras img >> nth=0")
+    )
+    assert panel
+    assert picture
+    assert picture["width"] > 0.3 * panel["width"], "a third of the tile for each of three cameras"
+    assert page.evaluate(SCROLLS, "#panel-cameras") is False
 
 
 def image_of_a_silent_camera_shows_its_age(page: Page, robot: Robot) -> None:
@@ -548,6 +570,7 @@ def messages_are_shown_and_composed(page: Page, told: Told) -> None:
     open_panel(page, "messages")
     page.click("#messages-topics tr:has-text('geometry_msgs/msg/PoseStamped'):has-text('map_pose')")
     page.wait_for_selector("#messages-chosen:has-text('topic map_pose, from known')")
+    topics_and_message_share_the_tile(page)
     page.click("#messages-tree :text-is('pose')")
     page.click("#messages-tree :text-is('position')")
     page.wait_for_selector("#messages-tree :text-is('y: 3.25')")
@@ -566,6 +589,19 @@ def messages_are_shown_and_composed(page: Page, told: Told) -> None:
     page.click("#compose-send")
     assert told.waits_for("wish") == ["peace:", "now", "2.5", "70.0"]
     page.wait_for_selector("#compose-result:has-text('sent a zoo/msg/Wish')")
+
+
+def topics_and_message_share_the_tile(page: Page) -> None:
+    """They are beside each other in a wide tile, and use all of its height."""
+    parts = ("#panel-messages", "#messages-topics", ".messages-message")
+    panel, topics, message = (page.locator(one).bounding_box() for one in parts)
+    assert panel
+    assert topics
+    assert message
+    assert message["x"] >= topics["x"] + topics["width"]
+    for part in (topics, message):
+        assert 0.9 * panel["height"] < part["height"] <= panel["height"]
+    assert page.evaluate(SCROLLS, "#panel-messages") is False
 
 
 def crash_is_reported(page: Page) -> None:

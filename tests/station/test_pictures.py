@@ -42,6 +42,36 @@ def test_images_of_16_bits_are_scaled_from_black_to_white(big: bool) -> None:
     assert pixels_of(image).tolist() == [[0, 127, 255]]
 
 
+@pytest.mark.parametrize(
+    ("encoding", "kind", "depths"),
+    [
+        ("16UC1", "<u2", [500, 0, 1000, 2000]),  # mm
+        ("16UC1", ">u2", [500, 0, 1000, 2000]),
+        ("32FC1", "<f4", [0.5, np.nan, 1.0, 2.0]),  # m
+        ("32FC1", "<f4", [0.5, np.inf, 1.0, 2.0]),
+    ],
+)
+def test_depths_are_brighter_the_nearer_and_black_without_a_measurement(
+    encoding: str, kind: str, depths: list[float]
+) -> None:
+    row = np.array(depths, kind).view(np.uint8)
+    big = kind.startswith(">")
+    image = Image(height=1, width=4, encoding=encoding, step=len(row), is_bigendian=big, data=row)
+    (shown,) = pixels_of(image).tolist()
+    nearest, unmeasured, middle, farthest = shown
+    assert nearest == 255
+    assert unmeasured == 0
+    assert 30 < farthest < middle < nearest
+    assert PillowImage.open(io.BytesIO(encode_image(image).data)).size == (4, 1)
+
+
+@pytest.mark.parametrize("depth", [0, 700])
+def test_depths_that_are_all_alike_are_shown(depth: int) -> None:
+    row = np.full(4, depth, "<u2").view(np.uint8)
+    image = Image(height=1, width=4, encoding="16UC1", step=8, data=row)
+    assert pixels_of(image).tolist() == [[255 if depth else 0] * 4]
+
+
 def test_large_images_are_scaled_down() -> None:
     size = 2 * MAX_PIXELS
     data = np.full(4 * size, 200, np.uint8)
@@ -54,7 +84,7 @@ def test_large_images_are_scaled_down() -> None:
 @pytest.mark.parametrize(
     "image",
     [
-        Image(height=1, width=1, encoding="16UC1", step=2, data=np.zeros(2, np.uint8)),
+        Image(height=1, width=1, encoding="bayer_rggb8", step=1, data=np.zeros(1, np.uint8)),
         Image(height=2, width=2, encoding="mono8", step=2, data=np.zeros(3, np.uint8)),
         Image(height=1, width=4, encoding="rgb8", step=4, data=np.zeros(4, np.uint8)),
         Image(encoding="mono8"),

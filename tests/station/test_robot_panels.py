@@ -1,13 +1,16 @@
 """3-D view, plots, parameters and process table show the true state, and their buttons work."""
 
+import io
 from pathlib import Path
 
 import pytest
+from PIL import Image
 from playwright.sync_api import Page, expect
 
-from tests._support.robot import LIMIT_S, Robot
+from tests._support.robot import LIMIT_S, Robot, wait_until
 from tests.station._support.browser import browser, needs_chromium, page_of
 from tests.station.test_page import address_of, titles_of
+from tools.pictures.operator import choose
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(600)]
 HERE = Path(__file__).parent
@@ -21,6 +24,19 @@ modules:
     class: robbie_robots.modules.devices.lights:SimulatedLightsModule
     settings: {lights: [headlight, rear light]}
 """
+COUNT_CONTEXTS = """
+window.contexts = window.lost = 0;
+const before = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+  if (/webgl/.test(kind) && !this.is_counted) {
+    this.is_counted = true;
+    window.contexts += 1;
+    if (this.isConnected) this.addEventListener("webglcontextlost", () => (window.lost += 1));
+  }
+  return before.call(this, kind, ...more);
+};"""
+MAX_CONTEXTS = 3
+"""One draws the scene, and one finds out whether there is a graphics card. A browser keeps 16."""
 NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_link": "3.00,1.25,0.00"}
 SCENE = "Object.entries(window).find(([name]) => name.startsWith('scene_'))[1]"
 REFERENCES = "Object.values(mounted_app.$refs).flat()"
@@ -116,6 +132,30 @@ def view_shows_what_there_is(page: Page) -> None:
     page.wait_for_selector("#view-scene >> text=laser")
     page.click("#tab-map")
     page.wait_for_selector("#map-text:has-text('red at 3.00 m, 1.25 m; 1 friends; door')")
+
+
+def view_fills_its_tile_and_is_drawn_after_many_layouts(page: Page) -> None:
+    """It must neither be higher than its tile, nor have no height, nor lose what it draws with."""
+    for turn in range(10):
+        choose(page, ("Drive", "Playback", "Engineer")[turn % 3])
+    page.click("#maximise-map")
+    choose(page, "Drive")  # which is the same layout with one tile enlarged
+    assert not page.locator(".has-alone").count()
+    tile, scene = (page.locator(one).bounding_box() for one in ("#tile-view", "#view-scene canvas"))
+    assert tile and scene
+    assert scene["height"] > 0.5 * tile["height"]
+    figures = page.locator("#view-figures").bounding_box()
+    assert figures
+    assert figures["y"] + figures["height"] <= tile["y"] + tile["height"]
+    wait_until(lambda: colours_of(page, "#view-scene canvas") > 3)
+    assert page.evaluate("window.contexts") <= MAX_CONTEXTS
+    assert page.evaluate("window.lost") == 0
+
+
+def colours_of(page: Page, what: str) -> int:
+    """Count the colours of a part of the page, as it is seen."""
+    seen = Image.open(io.BytesIO(page.locator(what).screenshot())).convert("RGB")
+    return len(seen.getcolors(seen.width * seen.height) or [])
 
 
 def view_has_no_picture_in_work_while_it_is_hidden(page: Page) -> None:
@@ -256,8 +296,11 @@ def test_panels_show_and_change_the_robot(robot: Robot) -> None:
     robot.start()
     address = address_of(robot)
     with browser() as started, page_of(started, address) as page:
+        page.add_init_script(COUNT_CONTEXTS)
+        page.reload()
         robots_own_panel_has_a_tab_and_is_in_sight_on_every_tab(page)
         view_shows_what_there_is(page)
+        view_fills_its_tile_and_is_drawn_after_many_layouts(page)
         view_has_no_picture_in_work_while_it_is_hidden(page)
         view_takes_the_colours_of_the_look(page)
         parameters_are_changed_and_wrong_ones_refused(page, robot)

@@ -118,8 +118,8 @@ def test_camera_without_a_picture_says_why() -> None:
         latest: Latest[Image | CompressedImage] = Latest()
         follower = VideoFollower(lambda: {"depth": NewestPicture(latest)})
         follower.hear('{"want": {"depth": 640}}')
-        latest.put(Image(height=1, width=1, encoding="16UC1", step=2, data=np.zeros(2, np.uint8)))
-        assert "16UC1" in about(await follower.next())["reason"]
+        latest.put(Image(height=1, width=1, encoding="bayer_rggb8", step=1, data=np.zeros(1, np.uint8)))
+        assert "bayer_rggb8" in about(await follower.next())["reason"]
         follower.go()
 
     run(steps())

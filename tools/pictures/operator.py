@@ -161,8 +161,8 @@ def take_layouts(page: Page, layouts: Sequence[str]) -> None:
 
 
 def choose(page: Page, layout: str) -> None:
-    """Show a layout. A page that is just being loaded again on a busy machine does not hear the key."""
-    shown = page.locator(f"#layouts:has-text('{layout}')")
+    """Show all tiles of a layout. A page that is being loaded again, on a busy machine, hears no key."""
+    shown = page.locator(f".cockpit:has(#layouts:has-text('{layout}')):not(:has(.has-alone))")
     while not shown.is_visible():
         page.keyboard.press(f"{1 + NAMES.index(layout)}")
         with suppress(PlaywrightTimeout):

@@ -23,15 +23,15 @@ MAX_ITEM_CHARACTERS = 28
 IDLE = "IDLE"
 OBJECT, PLACE, NAME = "object", "place", "name"
 TASKS = (
-    ("Bring me the object", "bring", (OBJECT,)),
-    ("Put the object on the place", "put", (OBJECT, PLACE)),
-    ("Put what it holds on the place", "put", (PLACE,)),
-    ("Go to the place", "go", (PLACE,)),
-    ("Call this place by the name", "learn", (NAME,)),
-    ("Follow", "follow", ()),
-    ("Say who is where", "who", ()),
+    ("Bring", "Bring me the object", "bring", (OBJECT,)),
+    ("Put", "Put the object on the place", "put", (OBJECT, PLACE)),
+    ("Put held", "Put what it holds on the place", "put", (PLACE,)),
+    ("Go", "Go to the place", "go", (PLACE,)),
+    ("Name place", "Call this place by the name", "learn", (NAME,)),
+    ("Follow", "Follow me", "follow", ()),
+    ("Who is where", "Say who is where", "who", ()),
 )
-"""Each with its button's text, and what it needs of what is chosen."""
+"""Each with its button's text, the same in a sentence, and what it needs of what is chosen."""
 
 
 class OrdersPanel(Panel):
@@ -54,7 +54,7 @@ class OrdersPanel(Panel):
 
     def build(self, page: Page) -> None:
         """Build the state, the tasks of the present order and, for operators, what gives orders."""
-        with ui.row().classes("items-center"):
+        with ui.row().classes("items-center gap-1 w-full"):
             state = ui.badge("").props("id=orders-state").classes("text-lg p-2")
             given: deque[Asked] = deque(maxlen=1)
             controls = OrderControls(page, given) if page.can_command else None
@@ -87,20 +87,21 @@ class OrderControls:
         self._page, self._given = page, given
         self._cancel = ui.button("Cancel", icon="stop", color="red-10", on_click=self._cancel_order)
         self._cancel.props("id=orders-cancel")
-        with ui.row().classes("w-full"):
+        words = ui.input("an order in words").classes("flex-1 min-w-0")
+        words.props(f"for=orders-text dense maxlength={MAX_ORDER_CHARACTERS}")
+        with ui.row().classes("w-full no-wrap gap-1"):
             self._chosen = {
                 what: ui.select([], label=what, on_change=self._enable)
-                .classes("w-40")
-                .props(f"for=orders-{what}")
+                .classes("flex-1 min-w-0")
+                .props(f"for=orders-{what} dense")
                 for what in (OBJECT, PLACE, NAME)
             }
         self._buttons: list[tuple[ui.button, str, tuple[str, ...]]] = []
-        with ui.row():
-            for place, (text, task, needs) in enumerate(TASKS):
+        with ui.row().classes("w-full gap-1"):
+            for place, (text, sentence, task, needs) in enumerate(TASKS):
                 button = ui.button(text, on_click=lambda task=task, needs=needs: self._order(task, needs))
-                self._buttons.append((button.props(f"no-caps id=orders-task-{place}"), task, needs))
-        words = ui.input("an order in words").classes("w-96")
-        words.props(f"for=orders-text maxlength={MAX_ORDER_CHARACTERS}")
+                button.props(f"no-caps id=orders-task-{place}").props["title"] = sentence
+                self._buttons.append((button, task, needs))
 
         def say() -> None:
             if text := str(words.value or "").strip():

@@ -29,7 +29,7 @@ COLOURS = {
     VictimFound.SUSPECTED: "#ef6c00",
     VictimFound.ASKED: "#fdd835",
     VictimFound.CONFIRMED: "#00897b",
-    VictimFound.REJECTED: "#757575",
+    VictimFound.REJECTED: "#424242",
 }
 """Colours on the map and in the 3-D view, by state."""
 SHOWN = {VictimFound.ASKED, VictimFound.CONFIRMED}

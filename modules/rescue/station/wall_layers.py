@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from robbie_mp.station.map.marks import MapMarks
     from robbie_mp.station.watch.latest import Latest, MessageSource
 
-LAYERS = (("Searched walls", "#00c853", 100), ("Walls to search", "#ff6d00", 0))
+LAYERS = (("Searched walls", "#0091ea", 100), ("Walls to search", "#ff6d00", 0))
 """Each with its colour, and its value in `SearchedWalls`."""
 
 

@@ -2,7 +2,7 @@
 
 import io
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,23 @@ from robbie_mp.messages import Image
 if TYPE_CHECKING:
     from PIL import Image as PillowImage
 
-BYTES = {"mono8": 1, "8UC1": 1, "mono16": 2, "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4}
+BYTES = {
+    "mono8": 1,
+    "8UC1": 1,
+    "mono16": 2,
+    "rgb8": 3,
+    "bgr8": 3,
+    "8UC3": 3,
+    "rgba8": 4,
+    "bgra8": 4,
+    "16UC1": 2,
+    "32FC1": 4,
+}
 """Bytes per pixel of each supported encoding."""
+DEPTHS = {"16UC1": "u2", "32FC1": "f4"}
+"""Encodings of depths, in mm and in m (REP 118), and the type of a pixel."""
+FARTHEST, NEAREST = 40, 255
+"""Brightness of the farthest and the nearest depth; black is where there is none."""
 MAX_FILE_PIXELS = 50_000_000
 """Of a file that is decoded: a small file may hold a huge picture."""
 JPEG_ENCODINGS = frozenset({"mono8", "rgb8", "bgr8", "rgba8", "bgra8"})
@@ -25,7 +40,7 @@ class NoPicture(RobbieError, ValueError):
     """A message cannot be shown.
 
     Example scenarios:
-      - an image has an encoding that browsers cannot show, such as 16UC1
+      - an image has an encoding that nobody knows how to show, such as bayer_rggb8
       - an image has too few bytes for its rows and columns
     """
 
@@ -97,7 +112,8 @@ def _encoded(picture: "PillowImage.Image", quality: int, max_pixels: int) -> byt
 def pixels_of(message: Image) -> NDArray[np.uint8]:
     """Return an image as `(rows, columns)` of grey or `(rows, columns, 3)` of red, green, blue; uint8.
 
-    In images of 16 bits, the darkest pixel becomes black and the brightest one white.
+    In images of 16 bits, the darkest pixel becomes black and the brightest one white. Of depths, the nearest
+    is the brightest; black is where none was measured.
 
     Raises:
         NoPicture: it has another encoding, or is damaged.
@@ -112,6 +128,9 @@ def pixels_of(message: Image) -> NDArray[np.uint8]:
     pixels = message.data.reshape(rows, step)[:, : columns * size]
     if message.encoding == "mono16":
         return _stretched(np.ascontiguousarray(pixels).view(">u2" if message.is_bigendian else "<u2"))
+    if message.encoding in DEPTHS:
+        order = ">" if message.is_bigendian else "<"
+        return _as_brightness(np.ascontiguousarray(pixels).view(f"{order}{DEPTHS[message.encoding]}"))
     if size == 1:
         return np.ascontiguousarray(pixels)
     pixels = pixels.reshape(rows, columns, size)[:, :, :3]
@@ -121,3 +140,15 @@ def pixels_of(message: Image) -> NDArray[np.uint8]:
 def _stretched(values: NDArray[np.uint16]) -> NDArray[np.uint8]:
     low, high = int(values.min()), int(values.max())
     return ((values - low) * (255.0 / max(1, high - low))).astype(np.uint8)
+
+
+def _as_brightness(depths: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return the brightness of each depth, by its inverse: half of the picture is for what is near."""
+    is_measured = np.isfinite(depths) & (depths > 0)
+    shown = np.zeros(depths.shape, np.uint8)
+    if is_measured.any():
+        inverse = 1.0 / depths[is_measured].astype(np.float64)
+        low, high = float(inverse.min()), float(inverse.max())
+        share = (inverse - low) / (high - low) if high > low else np.ones_like(inverse)
+        shown[is_measured] = np.rint(FARTHEST + share * (NEAREST - FARTHEST))
+    return shown

@@ -20,6 +20,7 @@ from robbie_mp.messages import (
     UndoMapAnnotation,
 )
 from robbie_mp.station.map.card import MapCard
+from robbie_mp.station.page.menus import commands, popup
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.watch.latest import Latest
@@ -53,12 +54,13 @@ class MapDrawing:
         self._annotations = annotations
         self._shown = 0
         self._button = tool_button("edit_location_alt", "map-draw", "No-go areas and places")
-        with self._button, ui.menu().props("id=map-drawings"):
-            for what, text in DRAWN.items():
-                item = ui.menu_item(text, on_click=lambda what=what: draw(what))
-                item.props(f"id=map-draw-{what}")
-            undo = ui.menu_item("Undo the last change", on_click=self._undo)
-            undo.props("id=map-draw-undo")
+        with self._button, popup("No-go areas and places", "map-drawings"):
+            with commands():
+                for what, text in DRAWN.items():
+                    item = ui.menu_item(text, on_click=lambda what=what: draw(what))
+                    item.props(f"id=map-draw-{what}")
+                undo = ui.menu_item("Undo the last change", on_click=self._undo)
+                undo.props("id=map-draw-undo")
             ui.separator()
             self._list = ui.column().classes("q-px-sm gap-0")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from robbie_mp.station.map.goals import GoalList, Placement
+from robbie_mp.station.page.menus import popup
 from robbie_mp.station.page.tool_button import tool_button
 
 
@@ -19,7 +20,7 @@ class GoalMenu:
         self._goals = goals
         self._shown: list[Placement] | None = None
         self._button = button = tool_button("format_list_numbered", "map-goals", "Goals that wait")
-        with button, ui.menu().props("id=map-goal-list"):
+        with button, popup("Goals that wait", "map-goal-list"):
             self._list = ui.column().classes("q-pa-sm gap-0")
 
     def tick(self) -> None:

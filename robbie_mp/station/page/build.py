@@ -27,7 +27,7 @@ PRIMARY = "#00796b"
 POSITIVE, NEGATIVE = "#2e7d32", "#c62828"
 """Colours of notes. White text on them has contrasts of 5.1 and 5.6."""
 STYLE = Path(__file__).parent / "cockpit.css"
-SCRIPTS = [Path(__file__).parent / name for name in ("awake.js", "show_on_map.js")]
+SCRIPTS = [Path(__file__).parent / name for name in ("awake.js", "list_boxes.js", "show_on_map.js")]
 LOG_OUT = """() => fetch(`${window.stop_prefix}/logout`, {method: 'POST'})
   .then(() => window.location.assign(`${window.stop_prefix}/login`))"""
 RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnectionDelayMax(500)"
@@ -195,7 +195,8 @@ def _build_tools(page: Page, parts: PageParts, cockpit: Cockpit) -> None:
     LookSwitch(cookies.get(COOKIE, "")).build(page)
     for build in parts.tools:
         build(page)
-    ui.badge((page.role or Role.OBSERVER).name.lower()).props("outline id=role color=white")
+    role = (page.role or Role.OBSERVER).name.lower()
+    ui.badge(role).props("outline id=role color=white").classes(f"is-{role}")
     leave = ui.button(icon="logout").on("click", js_handler=LOG_OUT)
     leave.props('flat dense color=white id=log-out aria-label="Log out" title="Log out"')
 

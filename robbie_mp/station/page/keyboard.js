@@ -3,7 +3,7 @@
 export default {
   template: `<div style="position: absolute"><Teleport to="body">
     <div v-if="is_open" id="key-list" class="key-list" role="dialog" aria-label="Keys" @click="is_open = false">
-      <div class="sheet"><h2>Keys</h2>
+      <div class="sheet" tabindex="0"><h2>Keys</h2>
         <dl><template v-for="[name, text] in all" :key="name"><dt><kbd>{{ name }}</kbd></dt><dd>{{ text }}</dd></template></dl>
         <p>Keys work whenever no text field has the focus. Press ? or click to close this list.</p></div>
     </div></Teleport></div>`,

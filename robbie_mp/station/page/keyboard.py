@@ -31,14 +31,17 @@ class Keyboard(Element, component="keyboard.js"):
         self.props("id=keyboard")
         self.on("key", self._on_key)
 
-    def _on_key(self, event: GenericEventArguments) -> None:
+    async def _on_key(self, event: GenericEventArguments) -> None:
         pressed = event.args.get("key") if isinstance(event.args, dict) else None
         key = self._keys.get(pressed) if isinstance(pressed, str) else None
         if key is not None and key.action is not None:
-            key.action()
+            ends = key.action()
+            if ends is not None:
+                await ends
 
 
 def keys_button() -> None:
     """Build the button that lists the keys."""
     button = ui.button("?").on("click", js_handler=OPEN).props("flat dense color=white id=keys")
+    button.props["aria-haspopup"] = "dialog"
     button.props["aria-label"] = button.props["title"] = "Keys"

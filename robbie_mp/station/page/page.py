@@ -35,7 +35,7 @@ class KeyAction(NamedTuple):
     """An action that a key starts."""
 
     text: str
-    action: Callable[[], None] | None
+    action: Callable[[], Awaitable[None] | None] | None
 
 
 class Drives(Protocol):
@@ -214,7 +214,9 @@ class Page:
             elif success:
                 ui.notify(success, type="positive")
 
-    def add_key(self, key: str, text: str, action: Callable[[], None] | None = None) -> None:
+    def add_key(
+        self, key: str, text: str, action: Callable[[], Awaitable[None] | None] | None = None
+    ) -> None:
         """Let a key start an action wherever the focus is, but for texts; `?` lists it.
 
         Args:

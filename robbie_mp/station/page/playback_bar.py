@@ -15,6 +15,7 @@ from nicegui.element import Element
 from robbie_mp.attached.views.message_text import describe_playback
 from robbie_mp.messages import PlaybackControl, PlaybackState
 from robbie_mp.station.page.log_events import EventKind, LogEvents
+from robbie_mp.station.page.menus import popup
 from robbie_mp.station.page.slider import Slider
 from robbie_mp.station.page.state_item import clock_text
 from robbie_mp.station.page.tool_button import tool_button
@@ -226,7 +227,7 @@ class PlaybackBar:
                 for one in self.bookmarks.all:
                     self._build_bookmark(page, one, fill)
 
-        with button, ui.menu():
+        with button, popup("Bookmarks"):
             rows = ui.column().classes("q-pa-sm gap-0")
         button.on_click(fill)
 

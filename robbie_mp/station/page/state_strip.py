@@ -178,7 +178,7 @@ class StateStrip:
 
     def _recording_item(self, modules: tuple[ModuleFigures, ...]) -> StateItem:
         free = shutil.disk_usage(self._run.output_directory).free
-        is_recording = any(one.name == LOGGER and one.pid for one in modules)
+        is_recording = bool(self._run.recorder.name) or any(one.name == LOGGER and one.pid for one in modules)
         text = f"{'REC ' if is_recording else ''}{bytes_text(free)} free"
         icon = "fiber_manual_record" if is_recording else "save"
         detail = "records" if is_recording else "nothing is recorded"

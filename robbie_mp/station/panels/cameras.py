@@ -67,14 +67,14 @@ class CamerasPanel(Panel):
     def build(self, page: Page) -> None:
         """Build a card for each camera, and add cards for new cameras."""
         hint = ui.label("no camera has sent an image yet").classes("text-grey")
-        row = ui.row().classes("w-full gap-4")
+        row = ui.element("div").classes("all-cameras")
         cards: dict[str, CameraCard] = {}
 
         def update() -> None:
             for name, camera in sorted(self._cameras.found.items()):
                 if name not in cards:
                     hint.set_visibility(False)
-                    with row, ui.card():
+                    with row:
                         cards[name] = CameraCard(name)
                 cards[name].show(camera, self._cameras.boxes(name))
 
@@ -85,12 +85,13 @@ class CameraCard:
     """The picture of a camera, the detections in it, and the line below."""
 
     def __init__(self, name: str):
-        ui.label(name).classes("font-bold")
-        with ui.element("div").classes("relative w-full").style("min-width: 20rem; max-width: 40rem"):
-            image = NewestImage(name)
-            image.classes("w-full block").style("image-rendering: pixelated")
-            self._boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
-        self._text = ui.label("").classes("text-sm")
+        with ui.element("figure").classes("camera-card"):
+            with ui.element("div").classes("camera-card-picture"):
+                NewestImage(name)
+                self._boxes = DetectionBoxes().classes("absolute inset-0 w-full h-full pointer-events-none")
+            with ui.element("figcaption"):
+                ui.label(name).classes("font-bold")
+                self._text = ui.label("").classes("text-grey")
 
     def show(self, camera: CameraTopic, boxes: list[ImageBox]) -> None:
         """Show the detections in the newest image, and what it is."""

@@ -119,7 +119,10 @@ class Control:
         ui.label(entry["description"]).classes("text-sm text-grey")
         self._element = _element_for(entry["outline"], self._ask)
         self._element.props(f"id=control-{key}")
-        self._element.set_enabled(page.role is Role.OPERATOR)
+        may = page.role is Role.OPERATOR
+        self._element.set_enabled(may)
+        if may or not isinstance(self._element, ui.select):  # without its field, a list is no control
+            self._element.props["aria-label"] = entry["description"]
         self._value = ui.label("").props(f"id=value-{key}")
         self._error = ui.label("").classes("text-negative").props(f"id=error-{key} role=alert")
 

@@ -1,9 +1,12 @@
-"""What happened: the clips of the black box, to look at or to take home, and the report of the run."""
+"""What happened: clips, recordings and snapshots, to look at or to take home, and the report of the run."""
 
 from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nicegui import ui
@@ -15,8 +18,10 @@ from robbie_mp.logs.black_box.happenings import Happening, HappeningKind, happen
 from robbie_mp.logs.black_box.module import CLIP_TOPIC
 from robbie_mp.messages import Clip
 from robbie_mp.station.panel import Panel
-from robbie_mp.station.past.files import CLIP_PATH, REPORT_PATH
+from robbie_mp.station.past.files import CLIP_PATH, RECORDING_PATH, REPORT_PATH, SNAPSHOT_PATH
 from robbie_mp.station.past.player import PLAYER_PATH
+from robbie_mp.station.past.recordings import saved_recordings
+from robbie_mp.station.past.snapshots import saved_snapshots
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -28,7 +33,8 @@ if TYPE_CHECKING:
 REFRESH_S = 1.0
 SHOWN = 100
 """Maximum number of rows; `robbie clips` lists all."""
-LOOKS = {
+RECORDING, SNAPSHOT = "recording", "snapshot"
+LOOKS: dict[str, tuple[str, str]] = {
     HappeningKind.FAILED: ("dangerous", "text-negative"),
     HappeningKind.CRASH: ("heart_broken", "text-negative"),
     HappeningKind.HANG: ("hourglass_disabled", "text-negative"),
@@ -37,15 +43,36 @@ LOOKS = {
     HappeningKind.VICTIM: ("personal_injury", "text-primary"),
     HappeningKind.MARK: ("bookmark", "text-primary"),
     HappeningKind.OTHER: ("speed", "text-orange"),
+    RECORDING: ("album", "text-primary"),
+    SNAPSHOT: ("photo_camera", "text-primary"),
 }
 """Icon and colour of each kind."""
 GO = f"window.location.assign(`${{window.path_prefix}}{PLAYER_PATH}/`)"
-Row = tuple[Happening, int]
-"""What happened, and the size of its clip in bytes."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Something to take home."""
+
+    time_s: float
+    """Seconds since 1970."""
+    kind: str
+    """A `HappeningKind`, `recording` or `snapshot`."""
+    text: str
+    path: str
+    """Of the file on this server."""
+    bytes: int
+    happening: Happening | None = None
+    """What the page can play."""
+
+    @property
+    def file(self) -> str:
+        """What the file is, in words."""
+        return "clip" if self.happening else self.kind
 
 
 class HappenedPanel(Panel):
-    """Lists what the black box has kept of this run, the newest first."""
+    """Lists what black box and operators have kept of this run, the newest first."""
 
     name = "happened"
     title = "What happened"
@@ -54,8 +81,8 @@ class HappenedPanel(Panel):
 
     def __init__(self, station: StationContext):
         super().__init__(station)
-        self._folder = station.run.output_directory / CLIPS
-        self._player = station.run.player
+        self._folder = station.run.output_directory
+        self._player, self._recorder = station.run.player, station.run.recorder
         self._open = station.messages.newest(Clip, CLIP_TOPIC)
         self._next_s = 0.0
         self.rows: tuple[Row, ...] = ()
@@ -66,13 +93,17 @@ class HappenedPanel(Panel):
         """Look what is on the disk, if a page shows it."""
         if self.is_looked_at and time.monotonic() >= self._next_s:
             self._next_s = time.monotonic() + REFRESH_S
-            saved = saved_clips([self._folder])
-            sizes = {clip.folder.name: clip.bytes for clip in saved}
-            found = happenings_of(saved)[::-1]
-            self.rows = tuple((one, sizes[one.clip]) for one in found[:SHOWN])
+            found = [*clips_in(self._folder), *kept_by_hand(self._folder, self._recorder.name)]
+            found.sort(key=lambda row: row.time_s, reverse=True)
+            self.rows = tuple(found[:SHOWN])
             self.more = len(found) - len(self.rows)
 
     def _being_written(self) -> str:
+        """Return what happened in the clip that still grows, and what is recorded; '' if there is neither."""
+        recording = ["a recording"] if self._recorder.name else []
+        return "; ".join([*recording, *filter(None, [self._open_clip()])])
+
+    def _open_clip(self) -> str:
         """Return what happened in the clip that still grows; '' if there is none."""
         clip = self._open.message
         if clip is None or clip.state != Clip.OPEN or not clip.triggers:
@@ -128,16 +159,35 @@ class HappenedPanel(Panel):
                 ui.label(f"being written: {being_written}")
         if not self.rows:
             ui.label("Nothing yet. Press M to mark a moment: the seconds around it are kept.")
-        for one, size in self.rows:
+        for one in self.rows:
             icon, colour = LOOKS[one.kind]
             with ui.row().classes("happened-row no-wrap").props(f"data-kind={one.kind}"):
                 ui.icon(icon).classes(colour).props(f'aria-label="{one.kind}"')
                 ui.label(time_of_day(one.time_s)[:8]).classes("happened-time")
                 ui.label(one.text).classes("happened-text")
-                if page.role is Role.OPERATOR:
-                    look = ui.button(icon="play_arrow", on_click=lambda one=one: play(one))
+                if (happening := one.happening) is not None and page.role is Role.OPERATOR:
+                    look = ui.button(icon="play_arrow", on_click=lambda happening=happening: play(happening))
                     look.props("flat dense round size=sm").props["aria-label"] = f"Look at: {one.text}"
-                link = ui.link(quantities.size(size), f"{CLIP_PATH}{one.clip}").props("download")
-                link.props["aria-label"] = f"Download the clip of: {one.text}"
+                link = ui.link(quantities.size(one.bytes), one.path).props("download")
+                link.props["aria-label"] = f"Download the {one.file}: {one.text}"
         if self.more:
             ui.label(f"and {self.more} more; robbie clips lists all")
+
+
+def clips_in(folder: Path) -> Iterator[Row]:
+    """Yield what the black box has kept in the results of a run."""
+    saved = saved_clips([folder / CLIPS])
+    sizes = {clip.folder.name: clip.bytes for clip in saved}
+    for one in happenings_of(saved):
+        yield Row(one.time_s, one.kind, one.text, f"{CLIP_PATH}{one.clip}", sizes[one.clip], one)
+
+
+def kept_by_hand(folder: Path, being_made: str) -> Iterator[Row]:
+    """Yield what operators have kept in the results of a run, without the recording that is being made."""
+    for recording in saved_recordings(folder):
+        if recording.name != being_made:
+            path = f"{RECORDING_PATH}{recording.name}"
+            yield Row(recording.time_s, RECORDING, "recording by hand", path, recording.bytes)
+    for snapshot in saved_snapshots(folder):
+        text = f"snapshot of {snapshot.camera}"
+        yield Row(snapshot.time_s, SNAPSHOT, text, f"{SNAPSHOT_PATH}{snapshot.name}", snapshot.bytes)

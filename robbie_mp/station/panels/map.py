@@ -48,6 +48,7 @@ from robbie_mp.station.map.goals import (
 from robbie_mp.station.map.marks import CellMarks, MapMark
 from robbie_mp.station.map.trail import Trail
 from robbie_mp.station.map.way import way_points
+from robbie_mp.station.page.menus import popup
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
@@ -93,7 +94,7 @@ LAYERS = {
 COSTS = (
     ("Costmap: avoided", "#ffab0040", 1, Cost.AVOIDED),
     ("Costmap: too near", "#ff3d0060", Cost.TOO_NEAR, Cost.TOO_NEAR),
-    ("Costmap: obstacles", "#d50000", Cost.OBSTACLE, Cost.OBSTACLE),
+    ("Costmap: obstacles", "#6a1b9a", Cost.OBSTACLE, Cost.OBSTACLE),
 )
 """Layers of what navigation plans on: each with its colour, and its least and greatest cost."""
 SHOWN_S = 2.0
@@ -309,7 +310,7 @@ class MapPanel(Panel):
                 case "save":
                     button.on_click(lambda: view.run_method("save", f"map-{self._run_id}.png"))
                 case _:
-                    with button, ui.menu():
+                    with button, popup("Layers"):
                         self._build_layers(view, shown)
         return shown
 

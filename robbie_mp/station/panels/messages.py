@@ -54,18 +54,20 @@ class MessagesPanel(Panel):
 
     def build(self, page: Page) -> None:
         """Build the three parts."""
-        table = ui.table(
-            columns=columns("type", "topic", "version", "messages", "Hz", "kB/s"), rows=[], row_key="key"
-        )
-        table.props("dense flat id=messages-topics").classes("w-full").style("max-height: 45vh")
-        title = ui.label("Press on a line to look into its newest message").props("id=messages-chosen")
-        tree = ui.tree([], label_key="label").props("dense id=messages-tree")
-        tree.set_visibility(False)
-        if page.role is Role.OPERATOR:
-            with (
-                ui.expansion("Compose a message", icon="send").classes("w-full").props("id=messages-compose")
-            ):
-                MessageForm(self._words, self._log, self.types, page)
+        with ui.element("div").classes("messages-parts fills"):
+            table = ui.table(
+                columns=columns("type", "topic", "version", "messages", "Hz", "kB/s"), rows=[], row_key="key"
+            )
+            table.props("dense flat id=messages-topics")
+            with ui.column().classes("messages-message no-wrap").props("tabindex=0"):
+                title = ui.label("Press on a line to look into its newest message")
+                title.props("id=messages-chosen")
+                tree = ui.tree([], label_key="label").props("dense id=messages-tree")
+                tree.set_visibility(False)
+                if page.role is Role.OPERATOR:
+                    form = ui.expansion("Compose a message", icon="send").classes("w-full")
+                    with form.props("id=messages-compose"):
+                        MessageForm(self._words, self._log, self.types, page)
         view = MessageView(self, page, title, tree)
         table.on("row-click", view.choose, js_handler="(event, row) => emit(row.key)")
 

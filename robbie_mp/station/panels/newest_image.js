@@ -3,7 +3,7 @@ import { video } from "robbie-live";
 // Shows the newest picture of a camera, and its age, which this browser measures: with the time at which the picture
 // was taken, and what it knows of the robot's clock (stop/emergency_stop.js).
 export default {
-  template: `<div class="newest-image" :class="{ grayscale: look === 'is-silent' }"><img ref="image" :alt="alt" draggable="false">
+  template: `<div class="newest-image" :class="{ grayscale: look === 'is-silent' }"><img ref="image" v-show="!reason" :alt="alt" draggable="false">
     <span v-if="reason" class="no-picture">No picture: {{ reason }}</span>
     <span v-if="age" class="picture-age" :class="look">{{ age }}</span></div>`,
   props: { camera: String, alt: String, drives: Boolean },
@@ -33,7 +33,7 @@ export default {
       await image.decode().catch(() => null);
       if (before) URL.revokeObjectURL(before);
       const { naturalWidth: width, naturalHeight: height } = image;
-      if (width) this.$el.parentElement?.style.setProperty("--ratio", width / height);
+      if (width) (this.$el.closest(".camera-card") ?? this.$el.parentElement)?.style.setProperty("--ratio", width / height);
       this.born_s = born_s;
       if (this.drives) window.picture_to_drive_by = { element: this.$el, born_s: this.born_s };
       this.grow();

@@ -21,6 +21,7 @@ from robbie_mp.messages import (
     TeachRecognition,
     replace,
 )
+from robbie_mp.station.page.menus import commands, popup
 from robbie_mp.station.watch.cameras import ImageBox
 from robbie_mp.station.watch.pictures import answer_with, encode_image, no_picture, serve_pictures
 
@@ -151,8 +152,9 @@ class TeachingTools:
             .props(f'id=teach dense color=dark aria-label="{label}" title="{label}"')
         )
         self._button.set_visibility(False)
-        with self._button, ui.menu().props("id=teach-menu"):
-            ui.menu_item("Draw a box on this picture …", on_click=self.begin).props("id=teach-begin")
+        with self._button, popup(label, "teach-menu"):
+            with commands():
+                ui.menu_item("Draw a box on this picture …", on_click=self.begin).props("id=teach-begin")
             ui.separator()
             self._list = ui.column().classes("q-px-sm gap-0")
         # Only its buttons close it: the event that it is closed may come when the next picture is shown.

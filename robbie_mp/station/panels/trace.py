@@ -41,6 +41,7 @@ COLOURS = {
     Kind.SYSTEM: "text-grey-6",
 }
 LOG, RUN = "log", "run"
+ALL = "all"
 SOURCES = {LOG: "The log", RUN: "This run"}
 SHOWN_AT_FIRST = [Kind.ERROR, Kind.WARNING, Kind.INFO]
 
@@ -87,7 +88,8 @@ class TracePanel(Panel):
             kinds = ui.select([str(kind) for kind in Kind], multiple=True, label="kinds")
             kinds.set_value([str(kind) for kind in SHOWN_AT_FIRST])
             kinds.props("id=trace-kinds dense").classes("w-40")
-            module = ui.select([""], label="module", value="").props("id=trace-module dense").classes("w-32")
+            module = ui.select({"": ALL}, label="module", value="").props("id=trace-module dense")
+            module.classes("w-32")
             words = ui.input("text").props("for=trace-text clearable dense").classes("w-28")
             ui.space()
             of_log = ui.toggle(SOURCES, value=LOG if page.plays_log else RUN).props("id=trace-of")
@@ -101,10 +103,9 @@ class TracePanel(Panel):
             is_log = of_log.value == LOG
             source = self._log if is_log else self
             entries = self._entries_of_log() if is_log else self.entries
-            if module.options != ["", *source.modules]:
-                module.set_options(
-                    ["", *source.modules], value=module.value if module.value in source.modules else ""
-                )
+            offered = {"": ALL, **{name: name for name in source.modules}}
+            if module.options != offered:
+                module.set_options(offered, value=module.value if module.value in offered else "")
             recorded.update(module.value or "", is_shown=not is_log)
             wanted = Filter(kinds.value or [], module.value or "", words.value or "", is_log=is_log)
             last = entries[-1].number if entries else 0

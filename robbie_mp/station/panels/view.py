@@ -12,6 +12,7 @@ from nicegui.events import GenericEventArguments
 from robbie_mp.messages import PoseStamped
 from robbie_mp.station.driving.motion import heading_deg
 from robbie_mp.station.map.goals import GOAL, checked, place
+from robbie_mp.station.page.menus import popup
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.page.tool_button import tool_button
 from robbie_mp.station.panel import Panel
@@ -76,14 +77,14 @@ class ViewPanel(Panel):
             sets_goal.set_visibility(page.can_command)
             with (
                 tool_button("layers", "view-layers", "What is drawn"),
-                ui.menu(),
+                popup("What is drawn"),
                 ui.column().classes("q-pa-sm gap-0"),
             ):
                 colours = ui.select(COLOURS, value="plain", label="points").classes("w-full")
                 colours.props("id=view-colours dense")
                 walls = ui.checkbox("walls", value=True).props("id=view-walls")
                 names = ui.checkbox("frame names").props("id=view-names")
-        stage = ui.element("div").classes("w-full")
+        stage = ui.element("div").classes("w-full fills scene-stage")
         shown = ui.label("nothing is known yet").props("id=view-figures")
         wishes: dict[str, object] = {}
         made: list[tuple[Moving, SceneDrawing]] = []

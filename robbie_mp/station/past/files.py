@@ -1,4 +1,4 @@
-"""Files to take home from the page: a clip as one log, and the report of the run so far."""
+"""Files to take home from the page: clips and recordings, snapshots, and the report of the run so far."""
 
 from __future__ import annotations
 
@@ -18,11 +18,16 @@ from robbie_mp.base.utc import file_stamp
 from robbie_mp.logs.black_box.clip_folder import CLIPS
 from robbie_mp.logs.black_box.state import CLIP_NAME
 from robbie_mp.station.past.apart import last_line, start_apart
+from robbie_mp.station.past.recordings import NAME as RECORDING_NAME
+from robbie_mp.station.past.recordings import RECORDINGS
+from robbie_mp.station.past.snapshots import NAME as SNAPSHOT_NAME
+from robbie_mp.station.past.snapshots import SNAPSHOTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 CLIP_PATH, REPORT_PATH = "/clips/", "/report"
+RECORDING_PATH, SNAPSHOT_PATH = "/recordings/", "/snapshots/"
 LONGEST_S = 300.0
 FOLDER = "downloads"
 
@@ -43,6 +48,8 @@ class RunFiles:
         self._one_at_a_time = threading.Lock()
         add = app.add_api_route
         add(f"{CLIP_PATH}{{name}}", self._clip, include_in_schema=False, response_class=Response)
+        add(f"{RECORDING_PATH}{{name}}", self._recording, include_in_schema=False, response_class=Response)
+        add(f"{SNAPSHOT_PATH}{{name}}", self._snapshot, include_in_schema=False, response_class=Response)
         add(REPORT_PATH, self._report, include_in_schema=False, response_class=Response)
 
     def _clip(self, name: str) -> Response:
@@ -50,8 +57,26 @@ class RunFiles:
         folder = self._output_directory / CLIPS / name
         if not CLIP_NAME.fullmatch(name) or not folder.is_dir():
             return PlainTextResponse("there is no such clip, or newer ones have taken its place\n", 404)
-        file = f"{name}.mcap"
-        return self._made(file, lambda path: ["recording", "merge", str(folder), "--output", str(path)])
+        return self._log(name, folder)
+
+    def _recording(self, name: str) -> Response:
+        """Answer with a recording; runs in a thread of the page server."""
+        folder = self._output_directory / RECORDINGS / name
+        if not RECORDING_NAME.fullmatch(name) or not folder.is_dir():
+            return PlainTextResponse("there is no such recording\n", 404)
+        return self._log(f"recording-{name}", folder)
+
+    def _snapshot(self, name: str) -> Response:
+        """Answer with a picture; runs in a thread of the page server."""
+        path = self._output_directory / SNAPSHOTS / name
+        if not SNAPSHOT_NAME.fullmatch(name) or not path.is_file():
+            return PlainTextResponse("there is no such snapshot\n", 404)
+        return FileResponse(path, filename=name)
+
+    def _log(self, name: str, folder: Path) -> Response:
+        """Answer with the parts of a log in one file."""
+        merge = ["recording", "merge", str(folder), "--output"]
+        return self._made(f"{name}.mcap", lambda path: [*merge, str(path)])
 
     def _report(self) -> Response:
         """Answer with the report; runs in a thread of the page server."""

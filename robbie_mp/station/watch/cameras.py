@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import NamedTuple, Protocol
 
+from robbie_mp.attached.views.image_pixels import DEPTHS
 from robbie_mp.messages import CompressedImage, Detection2DArray, Image
 from robbie_mp.module.module import MessageHandling
 from robbie_mp.station.watch.births import Births
@@ -98,7 +99,8 @@ class CameraTopic:
         """Size and encoding of the newest image."""
         image = self.latest.message
         if isinstance(image, Image):
-            return f"{image.width} x {image.height} {image.encoding}, image {self.latest.count}"
+            about = " (depth: near is bright)" if image.encoding in DEPTHS else ""
+            return f"{image.width} x {image.height} {image.encoding}{about}, image {self.latest.count}"
         return f"{image.format if image else ''}, image {self.latest.count}"
 
 

@@ -23,6 +23,7 @@ from robbie_mp.station.page.build import BrowserLink, PageParts, build_page
 from robbie_mp.station.page.cockpit import TILE_PATH
 from robbie_mp.station.page.control_bar import ControlBar
 from robbie_mp.station.page.identity import identity_of
+from robbie_mp.station.page.keeping import RecordButton, SnapshotButton
 from robbie_mp.station.page.layouts import LayoutCollection, check_layout, default_layouts
 from robbie_mp.station.page.moment_marker import MomentMarker
 from robbie_mp.station.page.page import Page
@@ -32,6 +33,7 @@ from robbie_mp.station.panel_classes import FRAMEWORK_PANELS, load_panels, panel
 from robbie_mp.station.past.banner import LogBanner, PastBanner
 from robbie_mp.station.past.files import RunFiles
 from robbie_mp.station.past.passing import with_clip_player
+from robbie_mp.station.past.snapshots import Snapshots
 from robbie_mp.station.stop.emergency_stop import EmergencyStopControl
 from robbie_mp.station.web.connections import bounded_connections
 from robbie_mp.station.web.gate import SESSION, App, Gate, below, with_forwarded
@@ -80,6 +82,7 @@ def page_application() -> App:
     core.app.config.socket_io_js_transports = ["websocket"]
     for code in (404, 500):
         app.add_exception_handler(code, answer_plainly)
+    ui.menu_item.default_props("role=menuitem")  # and not listitem, which no menu may have
     for name in LIBRARIES:
         limited(name)
     return application
@@ -159,6 +162,10 @@ class Website:
         playback = PlaybackBar(station.messages, [kind for one in self._panels for kind in one.log_events])
         alarms = AlarmBar(strip.alarms)
         marker = MomentMarker(station.clock, station.log)
+        record = RecordButton(station.run.recorder)
+        snapshot = SnapshotButton(
+            Snapshots(station.run.output_directory, station.robot.cameras, station.robot.births)
+        )
         style, is_ours = first_paint.serve(), first_paint.are_ours(map(type, self._panels))
         below = [panel.build_below_tiles for panel in self._panels]
         past = station.settings.past_of
@@ -180,7 +187,7 @@ class Website:
         return PageParts(
             driver=lambda page: Driver(station, page, self._module.publish),
             strip=strip.build,
-            tools=[marker.build, self._emergency_stop.build],
+            tools=[record.build, snapshot.build, marker.build, self._emergency_stop.build],
             bars=[
                 control.build,
                 alarms.build,
@@ -250,6 +257,7 @@ class Website:
         self._server.check()
         self._emergency_stop.tick()
         self._context.run.player.tick()
+        self._context.run.recorder.tick()
         self._map.tick()
         self._context.robot.motion.tick()
         self._context.robot.floor.tick()
@@ -264,6 +272,7 @@ class Website:
         self._emergency_stop.service.end()
         self._server.close()
         self._context.run.player.close()
+        self._context.run.recorder.close()
         for panel in self._panels:
             panel.close()
         self._context.run.figures.close()

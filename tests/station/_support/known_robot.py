@@ -81,6 +81,12 @@ def patch() -> Image:
     return Image(height=1, width=2, encoding="bgr8", step=8, data=data)
 
 
+def depths() -> Image:
+    """4 x 2 pixels of depth, mm: near at the left, nothing measured at the right."""
+    data = np.array([[500, 1000, 2000, 0]] * 2, "<u2").view(np.uint8)
+    return Image(height=2, width=4, encoding="16UC1", step=8, data=data.ravel())
+
+
 def found() -> Detection2DArray:
     """The right pixel of the patch is a fox; all else that it may be is less likely."""
     likely = [
@@ -135,6 +141,7 @@ class KnownRobot(Module):
         self.publish(Path(header=header, poses=way), topic="path")
         self.publish(patch(), topic="eye")
         self.publish(found(), topic="eye")
+        self.publish(depths(), topic="range")
         home = PointOfInterest(name="home", pose=pose(0.5, 2.5))
         self.publish(PointsOfInterest(header=header, points=[home]))
         self.publish(CompressedImage(format="mystery", data=np.zeros(9, np.uint8)), topic="eye")

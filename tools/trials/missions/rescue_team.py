@@ -22,7 +22,9 @@ from typing import Any
 
 import numpy as np
 
+from robbie_mp.run.operator_link import read_link
 from robbie_mp.run.profile.load import load_profile
+from robbie_mp.run.run_directory import list_runs
 from robbie_robots.hw.pose import Pose
 from robbie_robots.hw.simulation.arena import Arena
 from robbie_robots.hw.simulation.arena_file import read_arena
@@ -98,7 +100,9 @@ def arguments_of(
         "base.shared": str(folder / "arena"),
         "laser.shared": str(folder / "arena"),
     }
-    if rate is not None:
+    if rate is None:
+        settings["operator.robot_name"] = robot
+    else:
         settings["time.rate"] = rate
         settings["time.shared"] = str(folder / "time")
         settings["time.waits_for"] = len(starts)
@@ -129,6 +133,8 @@ def run_team(
         for name in starts:
             words = arguments_of(name, starts, seed, folder, port, rate)
             robots[name] = Robot(folder / name, REPOSITORY, *words)
+        if rate is None:
+            print_pages(robots)
         restarts = wait_for_ends(robots, seed if kill else None)
     except RobotTrouble as trouble:
         outcome.trouble = str(trouble)
@@ -143,6 +149,14 @@ def run_team(
             outcome.robots[name] = one
         sum_up(outcome)
     return outcome
+
+
+def print_pages(robots: dict[str, Robot]) -> None:
+    """Print the link to the page of each robot, which has one in real time."""
+    for name, robot in robots.items():
+        robot.wait_until_running()
+        (run,) = list_runs(robot.bases)
+        print(f"{name}: {read_link(run.folder)}", flush=True)
 
 
 def wait_for_ends(robots: dict[str, Robot], kill_seed: int | None = None) -> dict[str, dict[str, int]]:

@@ -31,6 +31,16 @@ modules:
 """
 
 
+OUT_OF_SIGHT = """() => {
+  const tile = document.querySelector("#panel-orders").getBoundingClientRect();
+  const parts = [...document.querySelectorAll("#panel-orders :is(button, input)")];
+  return parts.filter((one) => {
+    const { bottom, right } = one.getBoundingClientRect();
+    return bottom > tile.bottom || right > tile.right;
+  }).map((one) => one.id || one.textContent);
+}"""
+
+
 def test_operator_orders_in_words_and_by_buttons_and_cancels(robot: Robot) -> None:
     (robot.folder / "zoo" / "flat.py").write_text((SUPPORT / "flat.py").read_text())
     robot.write_secret("operator.token", "opens-everything")
@@ -39,6 +49,7 @@ def test_operator_orders_in_words_and_by_buttons_and_cancels(robot: Robot) -> No
     robot.start()
     with browser() as started, page_of(started, address_of(robot)) as page:
         log_in(page, "opens-everything")
+        all_orders_are_in_sight(page)
         order_in_words_is_shown_and_cancelled(page)
         with page_of(started, address_of(robot)) as other:
             log_in(other, "opens-all-our-eyes")
@@ -49,6 +60,15 @@ def test_operator_orders_in_words_and_by_buttons_and_cancels(robot: Robot) -> No
             tablet.click("#tab-orders")
             tablet.wait_for_selector("#panel-orders", state="visible")
             tablet.wait_for_function(FITS, arg="panel-orders")
+
+
+def all_orders_are_in_sight(page: Page) -> None:
+    """In the first layout, in the small tile beside the pad, without scrolling."""
+    page.keyboard.press("1")
+    page.wait_for_selector("#layouts:has-text('Drive')")
+    page.wait_for_selector("#tile-orders:visible")
+    page.wait_for_function("document.querySelector('#orders-task-6')")
+    assert page.evaluate(OUT_OF_SIGHT) == []
 
 
 def order_in_words_is_shown_and_cancelled(page: Page) -> None:

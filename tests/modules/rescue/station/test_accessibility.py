@@ -1,24 +1,35 @@
-"""In a real browser, axe-core finds no serious fault on any layout of the operator's page, dark or light."""
+"""In a real browser, axe-core finds no serious fault on any layout, panel, menu or dialog, dark or light."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Browser, Page
 
+import robbie_mp.station
+import robbie_robots
 from robbie_mp.station.page.layouts import default_layouts
 from robbie_mp.station.panel_classes import FRAMEWORK_PANELS
-from tests._support.robot import Robot
-from tests.station._support.browser import browser, choose_layout, needs_chromium, page_of
+from tests._support.left_behind import leaving_nothing_behind
+from tests._support.robot import Robot, robot_in
+from tests.station._support.accessibility import CONTRAST, Walk, let_check, scripted_popups, serious_faults
+from tests.station._support.browser import (
+    browser,
+    choose_layout,
+    needs_chromium,
+    open_panel,
+    page_of,
+    press_until,
+    release,
+)
+from tests.station.test_driving import ARENA
 from tests.station.test_page import address_of
 from tests.station.test_panels import log_in
 
-axe = pytest.importorskip(
-    "axe_playwright_python.sync_playwright",
-    reason="THE ACCESSIBILITY OF THE OPERATOR'S PAGE IS NOT TESTED: pip install axe-playwright-python",
-)
-pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(600)]
+ROOT = Path(__file__).parents[4]
 MODULES = {
     "known_robot": Path("tests/station/_support/known_robot.py"),
     "rescuer": Path("tests/modules/rescue/station/_support/rescuer.py"),
@@ -30,14 +41,31 @@ modules:
     settings:
       port: 0
       operator_token: file:operator.token
+      observer_token: file:observer.token
       panels: ["robbie_robots.modules.rescue.station.mission_panel:MissionPanel"]
+      poses: {wave: {wrist: 0.5}}
+      speech_commands: [come here]
+      persons: [Anna]
+      objects: [cup]
   known: {class: "zoo.known_robot:KnownRobot"}
+  fragile: {class: "zoo.known_robot:Fragile"}
   rescuer: {class: "zoo.rescuer:Rescuer"}
+  base: {class: "robbie_robots.modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
+  battery:
+    class: robbie_robots.modules.devices.battery:SimulatedBatteryModule
+    settings: {arena: arena.yaml}
+  bumper:
+    class: robbie_robots.modules.devices.bumper:SimulatedBumperModule
+    settings: {arena: arena.yaml}
+  laser:
+    class: robbie_robots.modules.devices.laser:SimulatedLaserRangeFinder
+    settings: {arena: arena.yaml}
+  lamps: {class: "robbie_robots.modules.devices.lights:SimulatedLightsModule"}
+  arm:
+    class: robbie_robots.modules.devices.joints:SimulatedJointsModule
+    settings: {names: [wrist, gripper], period_s: 0.1}
+black_box: {before_s: 2, after_s: 0}
 """
-SERIOUS = ("serious", "critical")
-CHECK = "options => axe.run(options).then((found) => found.violations)"
-CONTRAST = {"runOnly": {"type": "rule", "values": ["color-contrast"]}}
-"""The rule that depends on the look."""
 AS_TEXT = """() => {
   const range = document.createRange();
   return [...document.querySelectorAll(".material-icons, .q-icon")].filter((one) => {
@@ -48,17 +76,48 @@ AS_TEXT = """() => {
 FILES = "() => performance.getEntriesByType('resource').map((one) => one.name)"
 LARGE = re.compile(r"tailwindcss|\.woff2")
 """What our own panels do not need: all icons, and the compiler of styles."""
+REFUSED = ("Failed to load resource: the server responded with a status of 403",)
+"""What a browser says of a wrong token."""
+OF_SCRIPTS = (Path(robbie_mp.station.__file__).parent, Path(robbie_robots.__file__).parent / "modules")
 
 
-def test_no_layout_has_a_serious_fault_of_accessibility_in_either_look(robot: Robot) -> None:
-    root = Path(__file__).parents[4]
+@pytest.fixture(autouse=True, scope="module")
+def nothing_left_behind() -> Iterator[None]:
+    """Check once, after all tests, which share a robot and a browser."""
+    with leaving_nothing_behind():
+        yield
+
+
+@pytest.fixture(scope="module")
+def started(nothing_left_behind: None) -> Iterator[Browser]:
+    """The browser of all tests."""
+    with browser() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def known(nothing_left_behind: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    """A robot that fills every panel."""
+    with robot_in(tmp_path_factory.mktemp("known")) as robot:
+        start(robot)
+        yield robot
+
+
+def start(robot: Robot) -> None:
     for name, file in MODULES.items():
-        (robot.folder / "zoo" / f"{name}.py").write_text((root / file).read_text())
+        (robot.folder / "zoo" / f"{name}.py").write_text((ROOT / file).read_text())
     robot.write_secret("operator.token", "opens-everything")
-    robot.write_profile(PROFILE)
+    robot.write_secret("observer.token", "opens-all-our-eyes")
+    (robot.folder / "arena.yaml").write_text(ARENA)
+    robot.write_profile(PROFILE, has_black_box=True)
     robot.start()
-    with browser() as started, page_of(started, address_of(robot)) as page:
-        page.add_init_script(axe.Axe().axe_script)  # also after the page has reconnected
+
+
+def test_no_layout_has_a_serious_fault_of_accessibility_in_either_look(
+    known: Robot, started: Browser
+) -> None:
+    with page_of(started, address_of(known)) as page:
+        let_check(page)
         log_in(page, "opens-everything")
         page.wait_for_selector("#state-time")
         found = [f"dark, {fault}" for fault in faults_of_all_layouts(page, {})]
@@ -69,6 +128,64 @@ def test_no_layout_has_a_serious_fault_of_accessibility_in_either_look(robot: Ro
         assert not [file for file in page.evaluate(FILES) if LARGE.search(file)]
         page.reload()
         page.wait_for_selector("body.body--light")  # the browser has kept it
+
+
+@pytest.mark.parametrize("look", ["dark", "light"])
+def test_no_panel_menu_or_dialog_has_a_serious_fault(known: Robot, started: Browser, look: str) -> None:
+    with page_of(started, address_of(known), may_say=REFUSED) as page:
+        let_check(page)
+        page.goto(f"{page.url.rpartition('/')[0]}/login")
+        options: dict[str, Any] = {} if look == "dark" else CONTRAST
+        found = [f"the login, {fault}" for fault in serious_faults(page, {})]
+        log_in(page, "opens-nothing")
+        page.wait_for_selector(".error:has-text('token')")
+        found += [f"the refusal, {fault}" for fault in serious_faults(page, {})]
+        log_in(page, "opens-everything")
+        page.wait_for_selector("#state-time")
+        if look == "light":
+            page.click("#look")
+            page.wait_for_selector("body.body--light")
+        known.command("module", "restart", "fragile")
+        page.click("#mark")
+        walk = Walk(page, options)
+        found += [
+            *walk.faults(),
+            *faults_while_one_draws(page, options),
+            *faults_while_stopped(page, options),
+        ]
+        assert not found, "\n".join(found)
+        assert scripted_popups(OF_SCRIPTS) <= walk.seen
+
+
+def test_an_observers_page_has_no_serious_fault(known: Robot, started: Browser) -> None:
+    with page_of(started, address_of(known)) as page:
+        let_check(page)
+        log_in(page, "opens-all-our-eyes")
+        page.wait_for_selector("#role:text-is('observer')")
+        found = [*Walk(page, {}).faults()]
+        assert not found, "\n".join(found)
+
+
+def faults_while_one_draws(page: Page, options: dict[str, Any]) -> Iterator[str]:
+    """Check the map while a place is pressed, and the card that asks for its name."""
+    open_panel(page, "map")
+    press_until(page, "#map-draw", "#map-draw-place")
+    page.click("#map-draw-place")
+    page.wait_for_selector("#map-view[data-placing=place]")
+    page.wait_for_selector(".q-menu", state="detached")
+    yield from (f"a place is drawn, {fault}" for fault in serious_faults(page, options, "#tile-map"))
+    page.click("#map-view")
+    page.wait_for_selector("#map-card-name")
+    yield from (f"a place is named, {fault}" for fault in serious_faults(page, options, "#tile-map"))
+    page.click("#map-card-close")
+
+
+def faults_while_stopped(page: Page, options: dict[str, Any]) -> Iterator[str]:
+    """Check the page of a robot that was stopped."""
+    page.click("#emergency-stop")
+    page.wait_for_selector("#emergency-stop-state:text-is('STOPPED')")
+    yield from (f"stopped, {fault}" for fault in serious_faults(page, options))
+    release(page)
 
 
 def drawn_as_text(page: Page) -> list[str]:
@@ -88,17 +205,3 @@ def faults_of_all_layouts(page: Page, options: dict[str, Any]) -> list[str]:
             f"{layout}: the icon {icon} is not in the page's first file" for icon in drawn_as_text(page)
         ]
     return found
-
-
-def serious_faults(page: Page, options: dict[str, Any]) -> list[str]:
-    """Return each serious fault with its rule and its elements."""
-    violations = page.evaluate(CHECK, {"resultTypes": ["violations"], **options})
-    return [
-        f"{one['id']}, {one['help']}: "
-        + "; ".join(
-            f"{node['html'][:160]} {node['any'][:1] and node['any'][0]['message'][:160]}"
-            for node in one["nodes"][:6]
-        )
-        for one in violations
-        if one["impact"] in SERIOUS
-    ]
