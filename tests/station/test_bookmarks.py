@@ -36,6 +36,12 @@ def test_damaged_file_and_one_that_cannot_be_written_are_reported(tmp_path: Path
     bookmarks = opened(log)
     assert bookmarks.all == ()
     assert "cannot be read" in bookmarks.error
+    assert bookmarks.add(7) is not None
+    assert "cannot be read" in bookmarks.error
+    assert file_of(log).read_text() == '[{"time": 3}]', "what somebody may still save is overwritten"
+    bookmarks.open(str(tmp_path / "other.mcap"))
+    bookmarks.add(7)
+    assert len(opened(tmp_path / "other.mcap").all) == 1
     gone = opened(tmp_path / "gone" / "way.mcap")
     assert gone.add(1) is not None
     assert "they end with" in gone.error

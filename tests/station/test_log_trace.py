@@ -1,12 +1,18 @@
 """The trace of a log is that of its run, up to the moment that is shown."""
 
+from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
+from threading import Event
+
+import pytest
 
 from robbie_mp.messages import Log, ModuleState
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
+from robbie_mp.station.past import log_trace
 from robbie_mp.station.past.log_trace import LogTrace
-from tests._support.robot import wait_until
+from tests._support.robot import LIMIT_S, wait_until
 from tests.logs.recording._support.logs import START_NS, LogFile
 
 SECOND = 1_000_000_000
@@ -54,3 +60,41 @@ def test_log_without_a_trace_has_what_its_messages_say(tmp_path: Path) -> None:
 
 def test_unreadable_log_has_no_trace_and_a_reason(tmp_path: Path) -> None:
     assert "cannot be read" in trace_of(tmp_path / "missing.mcap").error
+
+
+def test_reading_of_a_long_log_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(log_trace, "MAX_READ", 250)
+    monkeypatch.setattr(log_trace, "entries_of_messages", lambda _log: endless(Event()))
+    write_log(tmp_path / "way.mcap")
+    trace = trace_of(tmp_path / "way.mcap")
+    assert len(trace.entries) == 250
+    assert trace.error == "only the first 250 entries of the log's trace are read"
+
+
+def test_reading_ends_when_another_log_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, ended = Event(), Event()
+    reads = [endless(ended, begun), iter([line(1)])]
+    monkeypatch.setattr(log_trace, "MAX_READ", 10**12)
+    monkeypatch.setattr(log_trace, "entries_of_messages", lambda _log: reads.pop(0))
+    for name in ("way.mcap", "other.mcap"):
+        write_log(tmp_path / name)
+    trace = LogTrace()
+    trace.read(str(tmp_path / "way.mcap"))
+    assert begun.wait(LIMIT_S)
+    trace.read(str(tmp_path / "other.mcap"))
+    wait_until(lambda: bool(trace.entries))
+    wait_until(ended.is_set)
+    assert len(trace.entries) == 1
+
+
+def line(number: int) -> Entry:
+    return Entry(number, START_S, Kind.INFO, "laser", 0, "log", "spins")
+
+
+def endless(ended: Event, begun: Event | None = None) -> Iterator[Entry]:
+    if begun is not None:
+        begun.set()
+    try:
+        yield from map(line, count(1))
+    finally:
+        ended.set()

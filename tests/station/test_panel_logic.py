@@ -2,12 +2,13 @@
 
 import math
 from collections import deque
-from unittest.mock import Mock
+from unittest.mock import MagicMock, Mock
 
 import numpy as np
 import pytest
 
 from robbie_mp.attached.views.message_text import FieldPath
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import (
     Costmap,
     CostmapMetaData,
@@ -20,14 +21,14 @@ from robbie_mp.messages import (
     Quaternion,
     replace,
 )
-from robbie_mp.messages.descriptions import KnownTypes
+from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.messages.stock.nav2_msgs import Cost
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.station.map.goals import checked
 from robbie_mp.station.map.way import way_points
 from robbie_mp.station.page.page import Page
-from robbie_mp.station.panels import plots
+from robbie_mp.station.panels import messages, plots
 from robbie_mp.station.panels.map import MAX_PATH_POINTS, cost_cells, doubt_mark, doubts
 from robbie_mp.station.panels.trace import SHOWN, Filter, line_of, newest
 from robbie_mp.station.watch.topic import nodes_of
@@ -76,7 +77,8 @@ def test_page_that_is_opened_later_shows_the_same_plots_and_unused_ones_are_boun
     monkeypatch.setattr(plots, "types_of_run", lambda _run: KnownTypes())
     panel = plots.PlotsPanel(Mock())
     names = [f"scan {number}" for number in range(2 * plots.MAX_KEPT)]
-    monkeypatch.setattr(panel, "channels", lambda: dict.fromkeys(names, (LaserScan.type_name, "")))
+    channel = ChannelName(LaserScan.type_name, LaserScan.version, "")
+    monkeypatch.setattr(panel, "channels", lambda: dict.fromkeys(names, channel))
     shown = panel.take((names[0], "angle_min"))
     assert panel.take((names[0], "angle_min")) is shown
     for _ in range(2):
@@ -87,6 +89,35 @@ def test_page_that_is_opened_later_shows_the_same_plots_and_unused_ones_are_boun
     assert panel.take((names[0], "angle_min")) is shown
     assert panel.take((names[-1], "angle_min")).pages == 1
     assert len(panel._lines) == 1 + plots.MAX_KEPT
+
+
+WISHES = KnownTypes(
+    [
+        TypeDescription("zoo_msgs/msg/Wish", 1, "float64 weight\n"),
+        TypeDescription("zoo_msgs/msg/Wish", 2, "float64 mass_kg\n"),
+    ]
+)
+
+
+def published(version: int) -> Mock:
+    """What a run says whose module publishes a version of a type."""
+    channel = Mock(type_name="zoo_msgs/msg/Wish", version=version, topic="wishes", messages=3)
+    return Mock(reading=Mock(channels=[channel]))
+
+
+@pytest.mark.parametrize(("version", "field"), [(1, "weight"), (2, "mass_kg")])
+def test_plots_and_form_take_the_version_that_is_published(
+    monkeypatch: pytest.MonkeyPatch, version: int, field: str
+) -> None:
+    for module in (plots, messages):
+        monkeypatch.setattr(module, "types_of_run", lambda _run: WISHES)
+    station = MagicMock()
+    station.run.figures = published(version)
+    line = plots.PlotsPanel(station).take(("wishes: zoo_msgs/Wish", field))
+    assert (line.message_type.type_name, line.message_type.version) == ("zoo_msgs/msg/Wish", version)
+    panel = messages.MessagesPanel(station)
+    assert panel.version_of("zoo_msgs/msg/Wish", "wishes") == version
+    assert panel.version_of("zoo_msgs/msg/Wish", "elsewhere") is None
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,15 @@
 """A press of the emergency stop is repeated until the base confirms it, and never stops the robot twice."""
 
+import json
+import time
+from unittest.mock import Mock
+
 import pytest
 
+from robbie_mp.messages import EmergencyStop
 from robbie_mp.module.clock import ManualClock
 from robbie_mp.station.stop.connection import Question, question_of
+from robbie_mp.station.stop.emergency_stop import EmergencyStopControl
 from robbie_mp.station.stop.requests import (
     IN_FLIGHT_S,
     MAX_PRESSES,
@@ -12,6 +18,7 @@ from robbie_mp.station.stop.requests import (
     PressState,
     StopRequests,
 )
+from robbie_mp.station.watch.latest import Latest
 
 
 class Base:
@@ -147,3 +154,17 @@ def test_malformed_questions_are_ignored(text: object) -> None:
 def test_question_names_a_press_or_none() -> None:
     assert question_of('{"asked_ms": 1.5, "press": "ab-1"}') == Question(1.5, "ab-1")
     assert question_of('{"asked_ms": 2, "press": ""}') == Question(2.0, "")
+
+
+def test_base_beside_a_paused_log_falls_silent() -> None:
+    """The clock of ages is that of the log, which stands; the base's report grows old all the same."""
+    state: Latest[EmergencyStop] = Latest(lambda: 5.0)
+    messages = Mock(envelope=Mock(sender="base", published_ns=0), newest=lambda *_: state)
+    control = EmergencyStopControl(messages, Mock(), Mock(), log_source="playback")
+    question = Question(0.0, "")
+    assert json.loads(control.service.answer(question))["age_s"] is None
+    state.put(EmergencyStop(engaged=False))
+    time.sleep(0.2)
+    answer = json.loads(control.service.answer(question))
+    assert 0.2 <= answer["age_s"] < 100
+    assert (answer["engaged"], answer["is_of_log"]) == (False, False)

@@ -11,6 +11,7 @@ from robbie_mp.messages.field_types import Text
 from robbie_mp.station.panels.composer import FormError, compose, form_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
     from logging import Logger
 
     from robbie_mp.messages import Message
@@ -32,22 +33,29 @@ class MessageForm:
         words: suggestions for texts.
         log: notes when sending at a rate ends.
         types: types to choose from.
+        version_of: returns in which version a type is published on a topic; None: it is not.
         page: the page of the form.
     """
 
-    def __init__(self, words: list[str], log: Logger, types: KnownTypes, page: Page):
+    def __init__(
+        self,
+        words: list[str],
+        log: Logger,
+        types: KnownTypes,
+        version_of: Callable[[str, str], int | None],
+        page: Page,
+    ):
         self._words = words
         self._log = log
         self._types = types
+        self._version_of = version_of
         self._page = page
         self._type: type[Message] | None = None
         self._inputs: dict[str, ui.input] = {}
         with ui.row().classes("items-center"):
-            kind = ui.select(types.names(), label="type", with_input=True, clearable=True)
-            kind.props("for=compose-type").classes("w-96").on_value_change(
-                lambda event: self._build(event.value)
-            )
-            self._topic = ui.input("topic").props("for=compose-topic")
+            self._kind = ui.select(types.names(), label="type", with_input=True, clearable=True)
+            self._kind.props("for=compose-type").classes("w-96").on_value_change(self._build)
+            self._topic = ui.input("topic", on_change=self._build).props("for=compose-topic")
         self._fields = ui.column().classes("w-full gap-0").props("id=compose-fields")
         with ui.row().classes("items-center") as self._buttons:
             ui.button("Send once", icon="send", on_click=self._send).props("id=compose-send")
@@ -64,23 +72,45 @@ class MessageForm:
         self._show_repeating()
         page.every(COUNT_PERIOD_S, "messages", self._show_count)
 
-    def _build(self, name: str | None) -> None:
+    def _build(self) -> None:
+        """Build the fields of the chosen type, in the version that the chosen topic has, if they change."""
+        try:
+            chosen = self._chosen_type(str(self._kind.value or ""), str(self._topic.value or ""))
+            problem = ""
+        except RobbieError as error:
+            chosen, problem = None, str(error)
+        if chosen is not None and chosen is self._type:
+            return
+        typed = {path: line.value for path, line in self._inputs.items()}
         self._fields.clear()
         self._inputs.clear()
-        self._type = None
-        self._result.set_text("")
+        self._type = chosen
+        self._result.set_text(problem)
+        if chosen is not None:
+            self._build_fields(chosen, typed)
+
+    def _chosen_type(self, name: str, topic: str) -> type[Message] | None:
+        """Return the class of the message to send.
+
+        Raises:
+            RobbieError: its description is unknown or invalid.
+        """
         if not name:
-            return
-        try:
-            self._type = self._types.get(name)
-        except RobbieError as error:
-            self._result.set_text(str(error))
-            return
+            return None
+        version = self._version_of(name, topic)
+        before = self._type
+        if before is not None and before.type_name == name and version in (None, before.version):
+            return before
+        return self._types.get(name, version)
+
+    def _build_fields(self, chosen: type[Message], typed: Mapping[str, str]) -> None:
+        """Build a line for each field, with what was typed there before."""
         with self._fields:
-            for field in form_of(self._type)[:MAX_FIELDS]:
+            for field in form_of(chosen)[:MAX_FIELDS]:
                 known = self._words if isinstance(field.kind, Text) else None
                 label = f"{field.path} ({field.kind})"
-                line = ui.input(label, placeholder=field.default, autocomplete=known)
+                before = typed.get(field.path, "")
+                line = ui.input(label, placeholder=field.default, autocomplete=known, value=before)
                 line.classes("w-full").props(f'dense data-field="{field.path}"')
                 self._inputs[field.path] = line
 

@@ -67,7 +67,7 @@ class MessagesPanel(Panel):
                 if page.role is Role.OPERATOR:
                     form = ui.expansion("Compose a message", icon="send").classes("w-full")
                     with form.props("id=messages-compose"):
-                        MessageForm(self._words, self._log, self.types, page)
+                        MessageForm(self._words, self._log, self.types, self.version_of, page)
         view = MessageView(self, page, title, tree)
         table.on("row-click", view.choose, js_handler="(event, row) => emit(row.key)")
 
@@ -96,6 +96,18 @@ class MessagesPanel(Panel):
                 }
             )
         return found
+
+    def version_of(self, type_name: str, topic: str) -> int | None:
+        """Return in which version a type is published on a topic, the newest of several; None: it is not."""
+        reading = self._run.figures.reading
+        return max(
+            (
+                one.version
+                for one in (reading.channels if reading else ())
+                if (one.type_name, one.topic) == (type_name, topic) and one.messages
+            ),
+            default=None,
+        )
 
     def watch(self, key: str, channel: ChannelName) -> str:
         """Let a page watch a channel. Return '', or the reason why it cannot."""

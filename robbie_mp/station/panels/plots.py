@@ -12,6 +12,7 @@ from nicegui import ui
 
 from robbie_mp.attached.views.known_types import types_of_run
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages import Message
 from robbie_mp.station.page.page import Page
 from robbie_mp.station.panel import Panel
@@ -72,25 +73,24 @@ class PlotsPanel(Panel):
         except Empty:
             pass
 
-    def channels(self) -> dict[str, tuple[str, str]]:
-        """Return type and topic of all published channels, by their names in this panel."""
+    def channels(self) -> dict[str, ChannelName]:
+        """Return all published channels by their names in this panel; of several versions, the newest."""
         reading = self._figures.reading
         return {
-            f"{channel.topic or '(no topic)'}: {channel.type_name.replace('/msg/', '/')}": (
-                channel.type_name,
-                channel.topic,
+            f"{channel.topic or '(no topic)'}: {channel.type_name.replace('/msg/', '/')}": ChannelName(
+                channel.type_name, channel.version, channel.topic
             )
-            for channel in (reading.channels if reading else ())
+            for channel in sorted(reading.channels if reading else (), key=lambda one: one.version)
             if channel.messages
         }
 
-    def type_of(self, name: str) -> type[Message]:
-        """Return a type's class.
+    def type_of(self, channel: ChannelName) -> type[Message]:
+        """Return the class of the messages of a channel, in the version that is published there.
 
         Raises:
             UnknownType, SchemaError: the type's description is unknown or invalid.
         """
-        return self._known.get(name)
+        return self._known.get(channel.type_name, channel.version)
 
     def take(self, key: Key) -> PlotLine:
         """Return a line for a page to show; other pages may show it, too.
@@ -100,8 +100,8 @@ class PlotsPanel(Panel):
         """
         line = self._lines.pop(key, None)
         if line is None:
-            type_name, topic = self.channels()[key[0]]
-            line = PlotLine(self._messages, self.type_of(type_name), topic, key[1])
+            channel = self.channels()[key[0]]
+            line = PlotLine(self._messages, self.type_of(channel), channel.topic, key[1])
             self._wishes.put(line)
         self._lines[key] = line
         line.pages += 1
@@ -253,13 +253,13 @@ class PageChart:
 
     def _offer_fields(self) -> None:
         chosen = self._chosen()
-        self._path.offer(numeric_paths(chosen[0]) if chosen else [])
+        self._path.offer(numeric_paths(chosen) if chosen else [])
 
-    def _chosen(self) -> tuple[type[Message], str] | None:
-        """Return type and topic of the chosen messages; if there are none, show an error and return None."""
+    def _chosen(self) -> type[Message] | None:
+        """Return the type of the chosen messages; if there are none, show an error and return None."""
         found = self._panel.channels().get(self._channel.text)
         try:
-            chosen = (self._panel.type_of(found[0]), found[1]) if found else None
+            chosen = self._panel.type_of(found) if found else None
             self._channel.input.error = None if chosen else "nobody publishes this"
         except RobbieError as error:
             chosen, self._channel.input.error = None, str(error)

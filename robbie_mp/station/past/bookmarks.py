@@ -32,6 +32,8 @@ class Bookmarks:
         self.all: tuple[Bookmark, ...] = ()
         self.error = ""
         self._path: Path | None = None
+        self._may_write = True
+        """Not if the file could not be read: what is in it must not be lost."""
         self._lock = threading.Lock()
 
     def open(self, log: str) -> None:
@@ -40,11 +42,12 @@ class Bookmarks:
         with self._lock:
             if path == self._path:
                 return
-            self._path, self.all, self.error = path, (), ""
+            self._path, self.all, self.error, self._may_write = path, (), "", True
             try:
                 self.all = _read(path)
             except (OSError, ValueError, TypeError, KeyError) as error:
-                self.error = f"{path.name} cannot be read: {error}"
+                self.error = f"{path.name} cannot be read, and stays as it is; new ones are not kept: {error}"
+                self._may_write = False
 
     def add(self, time_ns: int) -> Bookmark | None:
         """Add one; return it, or None if there are too many."""
@@ -73,7 +76,7 @@ class Bookmarks:
 
     def _keep(self, bookmarks: tuple[Bookmark, ...]) -> None:
         self.all = tuple(sorted(bookmarks))
-        if self._path is None:
+        if self._path is None or not self._may_write:
             return
         try:
             write_private(self._path, json.dumps([one._asdict() for one in self.all], indent=1))

@@ -23,6 +23,8 @@ from robbie_mp.station.page.log_events import CRASHED
 
 MAX_ENTRIES = 20_000
 """The newest ones that are kept."""
+MAX_READ = 500_000
+"""Number of entries that are read of one log; it takes about a minute of a busy machine."""
 FOLDERS_UP = 3
 """A log, or its folder, lies at most so deep in the results of its run."""
 ENTRIES_PER_TURN = 100
@@ -45,7 +47,7 @@ class LogTrace:
         self.reports: list[CrashReport] = []
         self.error = ""
         self._times: list[float] = []
-        self._file = ""
+        self._file = self._cut = ""
 
     def read(self, file: str) -> None:
         """Start to read the trace of a log, unless it is the last one read. Call this in one thread only."""
@@ -59,6 +61,21 @@ class LogTrace:
         end = bisect_right(times, time_s)
         return found[max(0, end - at_most) : end]
 
+    def _newest(self, file: str, found: Iterable[Entry]) -> list[Entry]:
+        """Return the newest entries of those that are read, which end when another log is opened."""
+        kept: deque[Entry] = deque(maxlen=MAX_ENTRIES)
+        self._cut = ""
+        for number, entry in enumerate(found):
+            if number >= MAX_READ:
+                self._cut = f"only the first {MAX_READ} entries of the log's trace are read"
+                break
+            if number % ENTRIES_PER_TURN == 0:
+                if file != self._file:
+                    break
+                time.sleep(0.001)
+            kept.append(entry)
+        return list(kept)
+
     def _read(self, file: str) -> None:
         found: list[Entry] = []
         reports: list[CrashReport] = []
@@ -69,13 +86,14 @@ class LogTrace:
                 folder = results_of(Path(file))
                 if folder is not None:
                     inside = (one for one in entries(folder) if begin_s <= one.time_s <= end_s)
-                    found = sorted(_newest(inside), key=lambda entry: entry.time_s)
+                    found = sorted(self._newest(file, inside), key=lambda entry: entry.time_s)
                     reports = [one for one in crash_reports(folder) if begin_s <= one.time_s <= end_s]
                 if not found:
-                    found = _newest(entries_of_messages(log))
+                    found = self._newest(file, entries_of_messages(log))
         except (RobbieError, OSError) as unreadable:
             error = str(unreadable)
         if file == self._file:
+            error = error or self._cut
             found = [replace(entry, number=number) for number, entry in enumerate(found, 1)]
             self._times = [entry.time_s for entry in found]
             self.entries, self.reports, self.error = tuple(found), reports, error
@@ -111,12 +129,3 @@ def _said(message: Message) -> tuple[Kind, str, str]:
     assert isinstance(message, LogLine)
     grave = Kind.ERROR if message.level >= LogLine.ERROR else Kind.WARNING
     return grave if message.level >= LogLine.WARN else Kind.INFO, message.name, message.msg
-
-
-def _newest(found: Iterable[Entry]) -> list[Entry]:
-    kept: deque[Entry] = deque(maxlen=MAX_ENTRIES)
-    for number, entry in enumerate(found):
-        if number % ENTRIES_PER_TURN == 0:
-            time.sleep(0.001)
-        kept.append(entry)
-    return list(kept)

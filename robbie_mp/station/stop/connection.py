@@ -58,6 +58,7 @@ class StopService:
     Args:
         requests: passes presses on to the base.
         state: the newest report of the base.
+        age_s: returns how old that is, s; None before the first.
         is_of_log: returns whether that report comes from a log, so that no base listens here.
     """
 
@@ -65,10 +66,11 @@ class StopService:
         self,
         requests: StopRequests,
         state: Latest[EmergencyStop],
+        age_s: Callable[[], float | None],
         is_of_log: Callable[[], bool] = lambda: False,
     ):
         self._requests = requests
-        self._is_of_log = is_of_log
+        self._age_s, self._is_of_log = age_s, is_of_log
         self._state = state
         self._ends = False
 
@@ -104,7 +106,7 @@ class StopService:
                 "waits_s": self._requests.waits_s,
                 "engaged": None if state is None else state.engaged,
                 "reason": "" if state is None else state.reason,
-                "age_s": self._state.age_s,
+                "age_s": self._age_s(),
                 "is_of_log": self._is_of_log(),
                 "now_s": time.monotonic(),
                 "ends": self._ends,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,8 +65,9 @@ class EmergencyStopControl:
         self._publish = publish
         self._state = messages.newest(EmergencyStop, STATE_TOPIC)
         self._requests = StopRequests(self._send)
+        self._heard_s: float | None = None
         self._state.listen(self._see)
-        self.service = StopService(self._requests, self._state, lambda: self._is_of_log)
+        self.service = StopService(self._requests, self._state, self._age_s, lambda: self._is_of_log)
 
     def tick(self) -> None:
         """Repeat presses that the base has not confirmed; called in the module's thread."""
@@ -77,7 +79,12 @@ class EmergencyStopControl:
         message = EmergencyStop(header=header_of_now(self._clock), engaged=engaged, reason=reason)
         return self._publish(message, topic=REQUEST_TOPIC)
 
+    def _age_s(self) -> float | None:
+        """Return how long ago a base has reported, by this machine's clock: a log beside it may be paused."""
+        return None if self._heard_s is None else time.monotonic() - self._heard_s
+
     def _see(self, state: EmergencyStop) -> None:
+        self._heard_s = time.monotonic()
         self._is_of_log = self._log_source == self._messages.envelope.sender
         if self._is_of_log:
             return  # what a base once said confirms no press
