@@ -65,8 +65,8 @@ def of_cells() -> Iterator[Sign]:
 
 def of_modes() -> Iterator[Sign]:
     """Yield who controls the robot: each has an icon and its name in the bar."""
-    icons = dict(found_in("page/control_bar.js", r'\b(AUTO|MANUAL|HOLD): "(\w+)"'))
-    colours = dict(found_in("page/control_bar.css", rf"\.control-mode\.is-(\w+) {{background: {HEX}"))
+    icons = pairs_in("page/control_bar.js", r'\b(AUTO|MANUAL|HOLD): "(\w+)"')
+    colours = pairs_in("page/control_bar.css", rf"\.control-mode\.is-(\w+) {{background: {HEX}")
     for mode in MODES.values():
         yield Sign(mode, colours[mode.lower()], icons[mode])
 
@@ -74,7 +74,7 @@ def of_modes() -> Iterator[Sign]:
 def of_stop() -> Iterator[Sign]:
     """Yield the states of the base beside the emergency stop: each is a word."""
     words = found_in("stop/emergency_stop.js", r'state: "([\w ]+)(?: …)?", look(?:: "(?:is-(\w+))?")?')
-    colours = dict(found_in("stop/emergency_stop.css", rf"\.is-(\w+) {{background: {HEX}"))
+    colours = pairs_in("stop/emergency_stop.css", rf"\.is-(\w+) {{background: {HEX}")
     ((silent,),) = found_in("stop/emergency_stop.css", rf"line-height: 1.2; background: {HEX}")
     source = (STATION / "stop/emergency_stop.js").read_text()
     for word, look in words:
@@ -104,6 +104,11 @@ def of_ring() -> Iterator[Sign]:
 
 
 GROUPS = (of_map, of_cells, of_modes, of_stop, of_alarms, of_victims, of_ring)
+
+
+def pairs_in(file: str, pattern: str) -> dict[str, str]:
+    """Return what a pattern with two groups finds: the second by the first."""
+    return {one: other for one, other in found_in(file, pattern)}
 
 
 def as_hex(levels: list[int]) -> str:

@@ -70,7 +70,7 @@ SCROLLS = """(panel) => {
 DEPTHS = """() => {
   const image = document.querySelector("#panel-cameras img[alt='camera range']");
   if (!image?.naturalWidth) return null;
-  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d");
+  const pen = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
   pen.drawImage(image, 0, 0);
   const near = (level) => [0, 40, 255].find((one) => Math.abs(one - level) < 20) ?? level;
   return [0, 2, 3].map((x) => near(pen.getImageData(x, 0, 1, 1).data[0]));

@@ -24,7 +24,7 @@ modules:
     class: robbie_robots.modules.devices.lights:SimulatedLightsModule
     settings: {lights: [headlight, rear light]}
 """
-COUNT_CONTEXTS = """
+COUNT_CONTEXTS = """() => {
 window.contexts = window.lost = 0;
 const before = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
@@ -34,7 +34,8 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
     if (this.isConnected) this.addEventListener("webglcontextlost", () => (window.lost += 1));
   }
   return before.call(this, kind, ...more);
-};"""
+};
+}"""
 MAX_CONTEXTS = 3
 """One draws the scene, and one finds out whether there is a graphics card. A browser keeps 16."""
 NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_link": "3.00,1.25,0.00"}
@@ -296,12 +297,11 @@ def test_panels_show_and_change_the_robot(robot: Robot) -> None:
     robot.start()
     address = address_of(robot)
     with browser() as started, page_of(started, address) as page:
-        page.add_init_script(COUNT_CONTEXTS)
-        page.reload()
+        page.evaluate(COUNT_CONTEXTS)
         robots_own_panel_has_a_tab_and_is_in_sight_on_every_tab(page)
         view_shows_what_there_is(page)
-        view_fills_its_tile_and_is_drawn_after_many_layouts(page)
         view_has_no_picture_in_work_while_it_is_hidden(page)
+        view_fills_its_tile_and_is_drawn_after_many_layouts(page)
         view_takes_the_colours_of_the_look(page)
         parameters_are_changed_and_wrong_ones_refused(page, robot)
         camera_follows_the_robot_or_is_free(page, robot)

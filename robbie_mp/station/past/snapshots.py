@@ -126,7 +126,7 @@ def stamped(message: Image | CompressedImage, camera: str, taken_s: float) -> by
         }
     )
     encoded = io.BytesIO()
-    whole.save(encoded, "JPEG", quality=QUALITY, exif=exif)
+    whole.save(encoded, "JPEG", quality=QUALITY, subsampling=0, exif=exif)
     return encoded.getvalue()
 
 
