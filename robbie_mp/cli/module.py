@@ -97,7 +97,7 @@ def swap(arguments: argparse.Namespace) -> int:
 
 
 def _missed(observer: RunObserver, name: str) -> int:
-    """Return how many messages for a module were lost in crashes, or dropped because its queue was full."""
+    """Return how many messages for a module were lost in crashes, or dropped because it was too slow."""
     figures = next(one for one in observer.modules() if one.name == name)
     return sum(one.lost + one.overflowed for one in figures.subscriptions)
 

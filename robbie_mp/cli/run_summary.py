@@ -58,7 +58,7 @@ def account(figures: Sequence[ModuleFigures]) -> Iterator[str]:
 
 def _missing(module: ModuleFigures) -> Iterator[str]:
     for count, what in (
-        (module.total("overflowed"), "dropped because its queue was full"),
+        (module.total("overflowed"), "dropped because it was too slow"),
         (module.total("lost"), "lost in its crashes"),
         (module.total("waiting"), "in its queue when the core ended"),
         (module.ill_formed, "refused: ill-formed, or of another version; the log says which"),

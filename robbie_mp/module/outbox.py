@@ -87,6 +87,8 @@ class Outbox:
         self.copied_loans = CopiedLoans(self._log)
         self._published_when_asked = -1
         """Number of messages published when `outstanding` was last read."""
+        self._paces = False
+        """Whether the core knows that this module publishes no faster than it is heard."""
         self._refused = 0
         self._asked_ns = 0
         """When the core was last asked to make room."""
@@ -116,7 +118,11 @@ class Outbox:
 
     @property
     def outstanding(self) -> int:
-        """Number of messages that subscribers still wait for or hold."""
+        """Number of messages that subscribers still wait for or have."""
+        if not self._paces:
+            with self._lock:
+                self._paces = True
+                self._endpoint.wake_after_freed(1)  # only to tell the core: it causes no tick
         counted: int | None = None if self._native is None else self._native.outstanding()
         if counted is not None:
             return counted
@@ -131,6 +137,7 @@ class Outbox:
     def wake_after_freed(self, messages: int) -> None:
         """Wake this module when this number of its messages have been released."""
         with self._lock:
+            self._paces = True
             self._awaited = self._endpoint.wake_after_freed(messages)
             self.awaits_room = True
 

@@ -99,7 +99,7 @@ modules:
     head = next(number for number, line in enumerate(lines) if line.startswith("messages: "))
     assert lines[head].endswith("these were not handled:")
     assert lines[head + 1].startswith("    slow: ")
-    assert lines[head + 1].endswith("dropped because its queue was full")
+    assert lines[head + 1].endswith("dropped because it was too slow")
     assert lines[head + 2].startswith("run ended after")
 
 

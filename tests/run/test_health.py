@@ -90,7 +90,7 @@ def robot(robot: Robot) -> Robot:
         (
             "Slow",
             QUEUE,
-            "messages dropped because its queue was full (sensor_msgs/Image)",
+            "messages dropped because it was too slow (sensor_msgs/Image)",
             "messages dropped",
         ),
         (

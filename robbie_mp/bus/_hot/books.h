@@ -68,7 +68,7 @@ struct channel {
 struct link {
     uint64_t slot, source, credit, awaited_freed;
     uint64_t wanted_release; /* what its word says */
-    bool ready, has_ended;
+    bool ready, has_ended, paces;
     struct ring_reader *outbound;
     struct ring_writer *inbound, *freed;
     struct channel *channels[DECLARATION_COUNT]; /* by declaration; NULL: it has declared no such channel */
@@ -85,6 +85,7 @@ struct slot {
     uint64_t index, at, queue_messages, queue_bytes, waiting_bytes;
     struct reference_list *waiting;
     struct link *link; /* NULL: it is not connected */
+    bool yields;
     bool is_outdated;
     struct slot *outdated_next;
 };

@@ -718,6 +718,7 @@ static PyMemberDef link_members[] = {
     {"wanted_release", T_ULONGLONG, offsetof(struct link_object, link.wanted_release), 0, NULL},
     {"ready", T_BOOL, offsetof(struct link_object, link.ready), 0, NULL},
     {"has_ended", T_BOOL, offsetof(struct link_object, link.has_ended), 0, NULL},
+    {"paces", T_BOOL, offsetof(struct link_object, link.paces), 0, NULL},
     {NULL, 0, 0, 0, NULL},
 };
 
@@ -805,6 +806,7 @@ static PyMemberDef slot_members[] = {
     {"at", T_ULONGLONG, offsetof(struct slot_object, slot.at), 0, NULL},
     {"queue_messages", T_ULONGLONG, offsetof(struct slot_object, slot.queue_messages), 0, NULL},
     {"queue_bytes", T_ULONGLONG, offsetof(struct slot_object, slot.queue_bytes), 0, NULL},
+    {"yields", T_BOOL, offsetof(struct slot_object, slot.yields), 0, NULL},
     {"waiting_bytes", T_ULONGLONG, offsetof(struct slot_object, slot.waiting_bytes), 0, NULL},
     {NULL, 0, 0, 0, NULL},
 };

@@ -268,6 +268,32 @@ static void add(struct router *router, struct subscription *subscription, uint32
     outdate(books, slot);
 }
 
+/* Whether the core keeps the newest message of a channel, in its own slot, which is the last. */
+static bool is_latched(const struct books *books, const struct channel *channel)
+{
+    for (uint64_t nth = 0; nth < channel->subscription_count; nth++)
+        if (channel->subscriptions[nth]->slot == books->slot_count - 1)
+            return true;
+    return false;
+}
+
+/* Drop a message from the queues that yield, if its publisher paces itself. */
+static void yield(struct router *router, const struct channel *channel, const struct message *message)
+{
+    struct books *books = router->books;
+    const struct link *publisher = publisher_of(books, message->source);
+    if (publisher == NULL || !publisher->paces)
+        return;
+    for (uint64_t nth = 0; nth < channel->subscription_count; nth++) {
+        struct slot *slot = books->slots[channel->subscriptions[nth]->slot];
+        uint32_t reference = router->claims[nth];
+        if (slot->yields && list_has(slot->waiting, reference) && !is_latched(books, channel)) {
+            remove_waiting(books, slot, reference);
+            finish(router, reference, OUTCOME_DROPPED);
+        }
+    }
+}
+
 /* -- flow.py -------------------------------------------------------------------------------------------- */
 
 static void count_message(struct books *books, const struct channel *channel, const struct message *message)
@@ -303,6 +329,8 @@ static void route(struct router *router, struct slot *slot, const struct channel
     count_message(books, channel, message);
     if (channel->subscription_count == 0)
         give_back(router, index);
+    else
+        yield(router, channel, message);
 }
 
 /* Whether nothing but a block is given back when a message ends: no dead publisher must be announced as gone. */
@@ -420,6 +448,7 @@ static bool on_wait_freed(struct router *router, struct link *link, const uint64
 {
     bool waits = record[1] > link->freed->head;
     link->awaited_freed = waits ? record[1] : 0;
+    link->paces = true;
     if (!waits)
         router->wake(router->context, link);
     return true;

@@ -105,6 +105,8 @@ class MessageFlow:
         channel.count(self._write_figures, figures, size, stamp_ns)
         if not claims and not ledger.holders(index):
             self._blocks.give_back(index)
+        elif self._queues.some_yield:
+            self._queues.yield_to_pace(claims, handle, channel)
 
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
         """Count a message that does not fit into the tables, and give its block back."""
@@ -196,6 +198,7 @@ class FreedBlocks:
 
     def on_wait_freed(self, _slot: Slot, link: Link, record: Record) -> None:
         """Note that a module waits until a total number of its blocks has been freed."""
+        link.paces = True
         self.await_total(link, record[1])
 
     def await_total(self, link: Link, total: int) -> None:

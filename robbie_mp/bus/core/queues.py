@@ -6,7 +6,7 @@ see `robbie_mp.module.lockstep`.
 
 from collections.abc import Callable, Container, Sequence, Set
 
-from robbie_mp.bus.core.directory import Subscription
+from robbie_mp.bus.core.directory import Channel, Subscription
 from robbie_mp.bus.core.ledger import Handle, Ledger
 from robbie_mp.bus.core.members import Link, Slot
 from robbie_mp.bus.transport import layout
@@ -34,6 +34,8 @@ class Queues:
         self._ledger = ledger
         self._slots = slots
         self._write_figures = row_writer(words, 4)
+        self.some_yield = any(slot.yields for slot in slots)
+        """Whether `yield_to_pace` has anything to do in this run."""
         self.holds_posts = False
         """Whether more messages are about to follow, so that one post may wake a module for all of them."""
         self.to_post: dict[Link, None] = {}
@@ -109,6 +111,33 @@ class Queues:
             self.remove(slot, reference)
             ledger.finish(reference, Outcome.DROPPED)
             self.outdate(slot)
+
+    def yield_to_pace(
+        self, claims: Sequence[tuple[Subscription, int]], handle: Handle, channel: Channel
+    ) -> None:
+        """Drop a message from the queues that yield, if its publisher paces itself.
+
+        So such a publisher waits at most for what is in the ring of the black box, and the black box gets as
+        much as it can handle. A latched message waits all the same: there may be no newer one for hours.
+
+        Args:
+            claims: those that got the message, each with its reference.
+            handle: the message, whose routing has been completed: this may free its row.
+            channel: its channel.
+        """
+        publisher = self._slots[handle.source & _SOURCE_SLOT].link
+        if (
+            publisher is None
+            or publisher.source != handle.source & layout.SOURCE_OF_INCARNATION
+            or not publisher.paces
+            or any(subscription.is_latch for subscription in channel.subscriptions)
+        ):
+            return
+        for subscription, reference in claims:
+            slot = self._slots[subscription.slot]
+            if slot.yields and reference in slot.waiting:
+                self.remove(slot, reference)
+                self._ledger.finish(reference, Outcome.DROPPED)
 
     def remove(self, slot: Slot, reference: int) -> None:
         """Take a message out of the queue."""
@@ -235,6 +264,7 @@ class LockstepQueues(Queues):
     ):
         super().__init__(words, ledger, slots)
         self._now_ns = now_ns
+        self.some_yield = False  # everybody is waited for
         self._in_step = [slot for slot in slots if slot.index not in tools]
         self._tools = tools
 

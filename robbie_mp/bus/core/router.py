@@ -58,6 +58,8 @@ class SlotLimits:
     """Memory of its own messages, of which each subscriber may have a share; see IN_FLIGHT_SHARE."""
     is_tool: bool = False
     """Whether it is an attached tool; the rows of its subscriptions are used again after it has left."""
+    yields: bool = False
+    """Whether its queue yields to publishers that pace themselves; see `Queues.yield_to_pace`."""
 
 
 class Router:
@@ -136,6 +138,7 @@ class Router:
             slot = new_slot(index, at, bound.queue_messages, bound.queue_bytes, credit, books)
             shares = (other.memory_bytes // IN_FLIGHT_SHARE for other in bounds)
             slot.windows = books.numbers(min(bound.in_flight_bytes, share) for share in shares)
+            slot.yields = bound.yields
             made.append(slot)
         return made
 

@@ -143,7 +143,7 @@ class SubscriptionCounts:
 
     @property
     def missed(self) -> int:
-        """Messages that the module will never get, because its queue was full or a process of it died."""
+        """Messages that the module will never get, because it was too slow or a process of it died."""
         return self.dropped + self.lost
 
 

@@ -52,4 +52,5 @@ def _slot(
         in_flight_bytes=queue.in_flight_bytes,
         memory_bytes=memory_bytes,
         is_tool=is_tool,
+        yields=queue.yields,
     )

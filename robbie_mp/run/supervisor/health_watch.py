@@ -30,7 +30,7 @@ def _drops(before: ModuleFigures, now: ModuleFigures) -> str:
     worst = max(now.subscriptions, key=lambda one: one.overflowed - old.get((one.type_name, one.topic), 0))
     came = now.total("routed") - before.total("routed")
     name = what(worst.type_name, worst.topic)
-    return f"{dropped} of {max(came, dropped)} messages dropped because its queue was full ({name})"
+    return f"{dropped} of {max(came, dropped)} messages dropped because it was too slow ({name})"
 
 
 def _refused(before: ModuleFigures, now: ModuleFigures) -> str:

@@ -155,9 +155,28 @@ def stopped_and_started(history: History) -> None:
     history.core()
 
 
+def yield_to_pace(history: History) -> None:
+    """What does not fit into the ring of 2 is dropped: beside 3, alone, and of a dead publisher."""
+    history.wait(1)
+    for _ in range(6):
+        history.publish(1)
+        history.core()
+    history.handle(2)
+    history.kill(3)
+    for _ in range(6):
+        history.publish(1)
+        history.core()
+    history.publish(2)
+    history.core()
+    history.publish(1)
+    history.kill(1)
+    history.begin_and_die(2)
+    history.core()
+
+
 SCENARIOS = (
     fan_out, backpressure, full_table, full_ring, newest_replaced, owner_dead, subscriber_dead, both_dead,
-    short_of_memory, rows_used_again, stopped_and_started,
+    short_of_memory, rows_used_again, stopped_and_started, yield_to_pace,
 )  # fmt: skip
 
 

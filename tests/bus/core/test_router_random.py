@@ -10,7 +10,7 @@ from robbie_mp.bus.core import router
 from tests.bus.core._support.history import SLOTS, History
 
 ACTIONS = ["publish"] * 4 + ["handle"] * 3 + ["core"] * 2
-ACTIONS += ["kill", "start", "begin_and_die", "keep", "let_go", "make_room"]
+ACTIONS += ["kill", "start", "begin_and_die", "keep", "let_go", "make_room", "wait"]
 LATCHED_ACTIONS = [*ACTIONS, "kill", "start", "join", "drop_latched"]
 STEPS = st.lists(st.tuples(st.sampled_from(ACTIONS), st.sampled_from(SLOTS)), max_size=80)
 LATCHED_STEPS = st.lists(st.tuples(st.sampled_from(LATCHED_ACTIONS), st.sampled_from(SLOTS)), max_size=80)

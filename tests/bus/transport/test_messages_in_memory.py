@@ -111,6 +111,20 @@ def test_block_is_pinned_until_the_last_array_dies(pair: Pair) -> None:
     assert pair.outbox.outstanding == 0
 
 
+def test_core_learns_from_the_first_count_that_a_module_paces_itself(pair: Pair) -> None:
+    def waits() -> int:
+        return pair.sender_words[layout.OUT_AWAITED_FREED]
+
+    pair.outbox.publish(picture(7), "")
+    assert not waits()
+    assert pair.outbox.outstanding == 1
+    assert waits() == 1
+    pair.pass_on()
+    assert pair.outbox.outstanding == 0
+    assert waits() == 1, "once is enough"
+    assert not pair.outbox.awaits_room, "it causes no tick"
+
+
 def test_message_let_go_in_another_thread_is_released(pair: Pair) -> None:
     kept: list[Image] = []
     pair.on_image = kept.append

@@ -224,3 +224,38 @@ modules:
     ended = robot.run()
     assert ended.exit_code == 0, ended.stderr
     assert not (robot.output / "clips").exists()
+
+
+PACED = """
+from robbie_mp import Module, setting
+from robbie_mp.messages import Point
+
+
+class Paced(Module):
+    waits: bool = setting(True, "whether it is woken when there is room")
+    period_s = 0.001
+
+    def tick(self):
+        while self.outstanding < 200 and self.publish(Point()):
+            pass
+        if self.waits:
+            self.wake_after_freed(100)
+
+
+class Sink(Module):
+    def setup(self):
+        self.subscribe(Point, lambda point: None)
+"""
+
+
+@pytest.mark.parametrize("waits", ["true", "false"])
+@pytest.mark.every_turn
+def test_module_that_paces_itself_does_not_wait_for_the_black_box(robot: Robot, waits: str) -> None:
+    paced = f'paced: {{class: "acts:Paced", settings: {{waits: {waits}}}}}'
+    start(robot, f'modules: {{{paced}, sink: {{class: "acts:Sink"}}}}', PACED)
+    wait_until(lambda: scans_seen(robot) > 0)
+    pid = box(robot)["pid"]
+    os.kill(pid, signal.SIGSTOP)
+    before = robot.top()["sink"]["handled"]
+    wait_until(lambda: robot.top()["sink"]["handled"] > before + 2000)
+    assert box(robot)["pid"] == pid, "it was not yet replaced"

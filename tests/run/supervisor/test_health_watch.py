@@ -55,7 +55,7 @@ def missing_ticks(one: ModuleFigures) -> ModuleFigures:
 def test_dropped_messages_are_one_line_at_the_beginning_and_the_sum_at_the_end() -> None:
     watch = Watch()
     watch.pass_s(20, dropping)
-    name = "messages dropped because its queue was full (sensor_msgs/LaserScan"
+    name = "messages dropped because it was too slow (sensor_msgs/LaserScan"
     assert len(watch.said) == 1
     assert watch.said[0].startswith(f"DEGRADED: 6 of 10 {name}")
     assert watch.shown.startswith(f"30 of 50 {name}"), "those of the last 5 s"

@@ -1,6 +1,7 @@
 """A small robot whose every event the test decides, with a journal that the core's books are checked by.
 
-Slots 1 and 2 publish, 2 takes everything, 3 keeps only the newest; all may die and come back at any time.
+Slots 1 and 2 publish; 2 takes everything, and its queue yields; 3 keeps only the newest. All may die and come
+back at any time.
 Their channel may be latched: then each that comes back is given the newest message first.
 """
 
@@ -45,6 +46,7 @@ class History:
             in_flight_bytes=in_flight_bytes,
             lockstep=lockstep,
             log=log,
+            yielding=2,
         )
         self.run.fuse.stores = 0
         self.run.fuse.deaths = list(deaths)
@@ -177,6 +179,14 @@ class History:
         if slot in self.alive and slot in PUBLISHERS:
             try:
                 self.alive[slot].endpoint.make_room(messages, WORD_MAX, before_ns=WORD_MAX)
+            except Died:
+                self.kill(slot)
+
+    def wait(self, slot: int) -> None:
+        """Wait until two more blocks are freed."""
+        if slot in self.alive and slot in PUBLISHERS:
+            try:
+                self.alive[slot].endpoint.wake_after_freed(2)
             except Died:
                 self.kill(slot)
 

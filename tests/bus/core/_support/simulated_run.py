@@ -1,7 +1,7 @@
 """A core and modules on plain arrays in one process: every step happens when the test says so."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from robbie_mp import MessageHandling
@@ -133,6 +133,7 @@ class SimulatedRun:
         log: StateLog | None = None,
         latched_messages: int = 100,
         latched_bytes: int = 1 << 30,
+        yielding: int | None = None,
     ):
         self.lockstep = lockstep
         self.charged_ns = charged_ns
@@ -145,6 +146,8 @@ class SimulatedRun:
             queue_messages, queue_bytes, in_flight_bytes=in_flight_bytes, memory_bytes=memory_bytes
         )
         self.limits = [*[limits] * slots, SlotLimits(latched_messages, latched_bytes)]
+        if yielding is not None:
+            self.limits[yielding] = replace(limits, yields=True)
         self.reports: list[str] = []
         self.modules: dict[tuple[int, int], SimulatedModule] = {}
         self.crashes = 0
