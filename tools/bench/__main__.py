@@ -12,8 +12,10 @@ from tools.bench.calling import call
 from tools.bench.goals import goal_table
 from tools.bench.machine import describe_machine
 from tools.bench.options import Options, read_variant
-from tools.bench.report import write_report
+from tools.bench.report import described, write_report
 from tools.bench.restart import restart
+from tools.bench.standard import standard
+from tools.bench.standard_table import standard_table
 from tools.bench.table import table
 
 BENCHMARKS = {
@@ -35,14 +37,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser = _parser()
     parsed = parser.parse_args(given)
     unknown = set(parsed.benchmarks) - set(BENCHMARKS)
+    if parsed.standard and parsed.benchmarks:
+        parser.error(f"--standard measures all it needs; leave out {', '.join(parsed.benchmarks)}")
     if unknown:
         parser.error(f"there is no benchmark {', '.join(sorted(unknown))}; there are {', '.join(BENCHMARKS)}")
     if parsed.read:
         run = json.loads(parsed.read.read_text())
     else:
         machine = describe_machine()
-        results = _measure(parsed.benchmarks or list(BENCHMARKS), _options(parsed))
-        run = {"machine": machine, "command": " ".join(["python -m tools.bench", *given]), "results": results}
+        command = " ".join(["python -m tools.bench", *given])
+        run = {"machine": machine, "command": command, "standard": parsed.standard}
+        run["results"] = _measure(parsed, _options(parsed))
+    if run.get("standard"):
+        print(f"\n{described(run)}\n\n{standard_table(run['results'])}")
     if parsed.json:
         parsed.json.write_text(json.dumps(run, indent=1))
     if parsed.report:
@@ -50,10 +57,12 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _measure(names: list[str], options: Options) -> list[dict[str, Any]]:
-    """Run benchmarks, and print the table of each when it is done."""
+def _measure(parsed: argparse.Namespace, options: Options) -> list[dict[str, Any]]:
+    """Run benchmarks, and print the table of each when it is done; the standard ones have one table."""
+    if parsed.standard:
+        return standard(options)
     results: list[dict[str, Any]] = []
-    for name in names:
+    for name in parsed.benchmarks or BENCHMARKS:
         for result in BENCHMARKS[name](options):
             results.append(result)
             print(f"\n{result['benchmark']}: {result['title']}\n\n{table(result)}", flush=True)
@@ -66,6 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
     add = parser.add_argument
     add("benchmarks", nargs="*", metavar="BENCHMARK", help=f"{', '.join(BENCHMARKS)}; default: all")
+    add("--standard", action="store_true", help="one table beside all installed peers, in ten minutes")
     add("--quick", action="store_true", help="take less than 30 s for each benchmark")
     add("--json", type=Path, metavar="FILE", help="also write the results to this file")
     add(

@@ -70,6 +70,10 @@ class Contender(Protocol):
     def why_absent(self) -> str:
         """Why it cannot be measured here; '' if it can."""
 
+    @property
+    def can_fill_in_place(self) -> bool:
+        """Whether arrays can be filled in the published memory."""
+
     def run(self, work: Work) -> WorkResult:
         """Do the work.
 
@@ -104,6 +108,11 @@ class PeerContender:
     def why_absent(self) -> str:
         """Why it cannot be measured here."""
         return self.peer.why_absent
+
+    @property
+    def can_fill_in_place(self) -> bool:
+        """Whether the peer can."""
+        return self.peer.can_fill_in_place
 
     def run(self, work: Work) -> WorkResult:
         """Start the peer's processes, and wait until they end."""

@@ -1,15 +1,16 @@
-"""The benchmarks of processor time: `idle` and `loaded`."""
+"""The benchmarks of processor time: `idle`, with start and memory, and `loaded`."""
 
 import contextlib
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from tools.bench import record
 from tools.bench.contender import Contender, PeerContender, Trouble, wait_for_end, work_folder
 from tools.bench.options import Options, peer, peers
-from tools.bench.processes import family, measure_cpu_ns
+from tools.bench.processes import family, measure_cpu_ns, memory_bytes
 from tools.bench.robbie import RobbieContender
 from tools.bench.rounds import Series, run_rounds
 from tools.bench.work import Work
@@ -30,20 +31,28 @@ POLL_S = 0.05
 
 
 def idle(options: Options) -> list[Result]:
-    """Measure the processor time of idle modules, and of the same number of idle subscribers of each peer."""
+    """Measure idle modules, and the same number of idle subscribers of each peer: start, time, and memory."""
     window_s = options.window_s(10.0, 2.0)
     count = options.modules or IDLE_MODULES
     series = options.chosen([*map(Series, options.robbies()), *map(Series, peers())])
 
-    def run(one: Series) -> float:
+    def run(one: Series) -> Idle:
         if isinstance(one.contender, RobbieContender):
             return _idle_robot(one.contender, count, window_s)
         assert isinstance(one.contender, PeerContender)
         return _idle_peer(one.contender, count, window_s)
 
-    run_rounds(series, run, options.times(2, 1), options.budget_s)
-    rows = [one.describe() | {"cpu_percent": one.outcomes} for one in series]
-    title = f"{count} idle modules, {window_s:g} s: processor time of all processes"
+    run_rounds(series, run, options.times(2, 1), options.budget_s, options.watched)
+    rows = [
+        one.describe()
+        | {
+            "start_s": [idle.start_s for idle in one.outcomes],
+            "cpu_percent": [idle.cpu_percent for idle in one.outcomes],
+            "memory_mib": [idle.memory_mib for idle in one.outcomes],
+        }
+        for one in series
+    ]
+    title = f"{count} idle modules, all processes, {window_s:g} s"
     return [{"benchmark": "idle", "title": title, "kind": "idle", "contenders": rows}]
 
 
@@ -60,7 +69,7 @@ def loaded(options: Options) -> list[Result]:
         assert isinstance(one.contender, PeerContender)
         return _loaded_peer(one.contender, pairs, window_s)
 
-    run_rounds(series, run, options.times(3, 1), options.budget_s)
+    run_rounds(series, run, options.times(3, 1), options.budget_s, options.watched)
     rows = [
         one.describe()
         | {"us_per_message": one.outcomes, "cpu_percent": [us * LOAD_HZ / 1e4 for us in one.outcomes]}
@@ -70,26 +79,51 @@ def loaded(options: Options) -> list[Result]:
     return [{"benchmark": "loaded", "title": title, "kind": "loaded", "contenders": rows}]
 
 
-def _idle_robot(contender: RobbieContender, count: int, window_s: float) -> float:
+@dataclass(frozen=True)
+class Idle:
+    """What idle processes cost.
+
+    Attributes:
+        start_s: time from their start until all run: a module is RUNNING, a peer's subscriber has a message.
+        cpu_percent: of one processor, all together.
+        memory_mib: all together; what several share counts once.
+    """
+
+    start_s: float
+    cpu_percent: float
+    memory_mib: float
+
+    @classmethod
+    def measure(cls, start_s: float, pids: Sequence[int], window_s: float) -> "Idle":
+        """Measure them for some time."""
+        percent = measure_cpu_ns(pids, window_s) / 1e7 / window_s
+        return cls(start_s, percent, memory_bytes(pids) / (1 << 20))
+
+
+def _idle_robot(contender: RobbieContender, count: int, window_s: float) -> Idle:
     with work_folder() as (topic, folder):
         modules = contender.pair(Work(topic, folder, subscribers=count))
         del modules["publisher"]
+        began_s = time.monotonic()
         with contender.robot(folder, modules) as robot:
+            robot.wait_until_running()
+            start_s = time.monotonic() - began_s
             _settle(robot)
-            return measure_cpu_ns(family(robot.supervisor.pid), window_s) / 1e7 / window_s
+            return Idle.measure(start_s, family(robot.supervisor.pid), window_s)
 
 
-def _idle_peer(contender: PeerContender, count: int, window_s: float) -> float:
+def _idle_peer(contender: PeerContender, count: int, window_s: float) -> Idle:
     with work_folder() as (topic, folder):
         pause_s = SETTLE_S + window_s + MARGIN_S
         work = Work(topic, folder, count=0, subscribers=count, warm_up=1, pause_s=pause_s)
+        began_s = time.monotonic()
         try:
             with contender.started(work) as processes:
                 _wait_until(lambda: _has_warmed_up(work), f"the {count} subscribers did not connect")
-                pids = family(*(process.pid for process in processes))
-                percent = measure_cpu_ns(pids, window_s) / 1e7 / window_s
+                start_s = time.monotonic() - began_s - SETTLE_S
+                measured = Idle.measure(start_s, family(*(process.pid for process in processes)), window_s)
                 wait_for_end(processes, CONNECT_LIMIT_S)
-                return percent
+                return measured
         finally:
             contender.peer.clean(work)
 

@@ -1,12 +1,44 @@
-"""Describes the machine on which figures are measured."""
+"""Describes the machine on which figures are measured, and measures only while it is quiet."""
 
 import os
 import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import psutil
+
+from tools.bench.contender import Trouble
+
+Measured = TypeVar("Measured")
+NOT_COMPARABLE = "not comparable"
+
+LOOK_S = 0.3
+OTHERS_LIMIT = 0.10
+"""Most of the processors that others may use, while nothing is measured."""
+STEAL_LIMIT = 0.02
+"""Most of the processors that other virtual machines may take, also while something is measured."""
+SPEED_LIMIT = 0.80
+"""A processor slower than this part of the fastest one seen is clocked down, or shared."""
+SPIN_ROUNDS = 100_000
+PATIENCE_S = 3.0
+"""How long a measurement waits until the machine is quiet."""
+
+
+class NotComparable(Trouble):
+    """The machine was too busy, so a figure would mean nothing.
+
+    Example scenarios:
+      - another program used the processors
+      - the host gave the processors of this virtual machine to another one
+      - the processor was clocked down
+    """
+
+    def __init__(self, why: str):
+        super().__init__(f"{NOT_COMPARABLE}: {why}")
 
 
 def describe_machine() -> dict[str, Any]:
@@ -28,3 +60,80 @@ def _processor() -> str:
         if name.strip() == "model name":
             return value.strip()
     return platform.machine()
+
+
+@dataclass(frozen=True)
+class Times:
+    """Time of all processors since boot, in s. Source: /proc/stat in proc(5)."""
+
+    total_s: float
+    used_s: float
+    stolen_s: float
+
+    @classmethod
+    def now(cls) -> "Times":
+        """Read them."""
+        times = psutil.cpu_times()
+        total_s = sum(times) - times.guest - times.guest_nice  # these are parts of user and nice
+        return cls(total_s, total_s - times.idle - times.iowait - times.steal, times.steal)
+
+    def shares_since(self, before: "Times") -> tuple[float, float]:
+        """Return which part of the processors was used, and which was stolen, since then."""
+        total_s = max(self.total_s - before.total_s, 1e-9)
+        return (self.used_s - before.used_s) / total_s, (self.stolen_s - before.stolen_s) / total_s
+
+
+class QuietMachine:
+    """Measures only while nobody else uses the processors. Call it with what measures.
+
+    What others do is seen before and after a measurement; what the host does, also meanwhile.
+    """
+
+    def __init__(self) -> None:
+        self._fastest_s = spin_s()
+
+    def __call__(self, measure: Callable[[], Measured]) -> Measured:
+        """Wait until the machine is quiet, and measure.
+
+        Raises:
+            NotComparable: the machine was busy, before, after, or meanwhile.
+        """
+        deadline_s = time.monotonic() + PATIENCE_S
+        while problem := self.disturbance():
+            if time.monotonic() > deadline_s:
+                raise NotComparable(problem)
+        before = Times.now()
+        measured = measure()
+        _, stolen = Times.now().shares_since(before)
+        if stolen > STEAL_LIMIT:
+            raise NotComparable(f"other virtual machines took {stolen:.0%} of the processors")
+        if problem := self.disturbance():
+            raise NotComparable(problem)
+        return measured
+
+    def disturbance(self) -> str:
+        """Look for 0.3 s what others do; return why a figure would mean nothing, or ''."""
+        taken_s = spin_s()
+        self._fastest_s = min(self._fastest_s, taken_s)
+        before = Times.now()
+        time.sleep(LOOK_S)
+        used, stolen = Times.now().shares_since(before)
+        if used > OTHERS_LIMIT:
+            return f"other programs used {used:.0%} of the processors"
+        if stolen > STEAL_LIMIT:
+            return f"other virtual machines took {stolen:.0%} of the processors"
+        if self._fastest_s < SPEED_LIMIT * taken_s:
+            return f"the processor ran at {self._fastest_s / taken_s:.0%} of its speed"
+        return ""
+
+
+def spin_s() -> float:
+    """Return how long a loop takes, the best of three."""
+    return min(_spin_s() for _ in range(3))
+
+
+def _spin_s() -> float:
+    began_s = time.perf_counter()
+    for _ in range(SPIN_ROUNDS):
+        pass
+    return time.perf_counter() - began_s

@@ -85,7 +85,7 @@ def throughput(options: Options) -> list[Result]:
     zeromq = Series(peer("zeromq"), {"lossless": False}, "default high-water marks")
     measured: list[Contender] = [*options.robbies(), *peers()]
     series = options.chosen([*(Series(one) for one in measured), zeromq])
-    rows = run_work(series, work, options.times(5, 1), options.budget_s)
+    rows = run_work(series, work, options.times(5, 1), options.budget_s, options.watched)
     title = f"64 bytes flat out, {count:,} messages, 1 subscriber"
     return [{"benchmark": "throughput", "title": title, "kind": "throughput", "contenders": rows}]
 
@@ -97,10 +97,8 @@ def _images(options: Options, size_bytes: int, subscribers: int = 1) -> Work:
 
 def _with_arrays(options: Options) -> list[Series]:
     """Return all contenders, and again those that can fill arrays in place."""
-    robbies, others = options.robbies(), peers()
-    able: list[Contender] = [*robbies, *(one for one in others if one.peer.can_fill_in_place)]
-    contenders: list[Contender] = [*robbies, *others]
-    in_place = [Series(one, {"in_place": True}, IN_PLACE) for one in able]
+    contenders: list[Contender] = [*options.robbies(), *peers()]
+    in_place = [Series(one, {"in_place": True}, IN_PLACE) for one in contenders if one.can_fill_in_place]
     return [*in_place, *(Series(one) for one in contenders)]
 
 

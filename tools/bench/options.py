@@ -8,10 +8,10 @@ import yaml
 
 from tools.bench.contender import PeerContender
 from tools.bench.robbie import RobbieContender
-from tools.bench.rounds import Series
+from tools.bench.rounds import Series, Watched, unwatched
 from tools.bench.worker import load_peer
 
-PEERS = ("iceoryx2", "lcm", "zeromq", "zenoh", "cyclonedds", "dora")
+PEERS = ("iceoryx2", "lcm", "zeromq", "zenoh", "cyclonedds", "rclpy", "dora")
 QUICK_BUDGET_S = 22.0
 IN_PLACE = "in place"
 
@@ -27,6 +27,7 @@ class Options:
         modules: maximum number of modules or subscribers.
         seconds: time for which processor time is measured.
         only: names of the contenders to measure; () for all.
+        watched: calls what measures; see `QuietMachine`.
         variants: further variants of Robbie by name: the keys `core`, `module` and `black_box` of profiles.
     """
 
@@ -36,6 +37,7 @@ class Options:
     modules: int = 0
     seconds: float = 0.0
     only: tuple[str, ...] = ()
+    watched: Watched = unwatched
     variants: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property

@@ -31,6 +31,18 @@ def measure_cpu_ns(pids: Iterable[int], window_s: float) -> int:
     return sum(ns - before.get(thread, 0) for thread, ns in thread_times_ns(processes).items())
 
 
+def memory_bytes(pids: Iterable[int]) -> int:
+    """Return the memory of processes; each page counts once, however many of them share it.
+
+    Source: `Pss` of smaps_rollup in proc(5), which divides a page by those who have it mapped.
+    """
+    total = 0
+    for pid in pids:
+        with contextlib.suppress(psutil.Error):  # the process has just ended
+            total += psutil.Process(pid).memory_full_info().pss
+    return total
+
+
 def family(*pids: int) -> list[int]:
     """Return processes and all their descendants, from one pass over the process table."""
     children: dict[int, list[int]] = {}

@@ -5,6 +5,7 @@ from typing import Any
 
 from tools.bench.figure import draw
 from tools.bench.goals import goal_table
+from tools.bench.standard_table import standard_table
 from tools.bench.table import render, table
 
 BEGIN = "<!-- begin: written by `python -m tools.bench --report` -->"
@@ -39,19 +40,24 @@ def write_report(run: dict[str, Any], folder: Path) -> None:
 
 def results_text(run: dict[str, Any]) -> str:
     """Return the results of a run as Markdown."""
-    machine = run["machine"]
-    parts = [
-        f"Measured {machine['date']} on {machine['processor']}, {machine['cores']} cores, "
-        f"{machine['memory_gib']} GiB, {machine['kernel']}, Python {machine['python']}; load before: "
-        f"{machine['load_before']}. Command: `{run['command']}`.",
-        f"![Latencies and rates]({PICTURE})",
-        "### Goals",
-        goal_table(run["results"]),
-    ]
-    for result in run["results"]:
-        parts += [f"### {result['benchmark']}: {result['title']}", table(result)]
+    parts = [described(run), f"![Latencies and rates]({PICTURE})", "### Goals", goal_table(run["results"])]
+    if run.get("standard"):
+        parts += ["### All figures", standard_table(run["results"])]
+    else:
+        for result in run["results"]:
+            parts += [f"### {result['benchmark']}: {result['title']}", table(result)]
     parts += ["### Contenders", _setups(run["results"])]
     return "\n" + "\n\n".join(parts) + "\n"
+
+
+def described(run: dict[str, Any]) -> str:
+    """Return what was measured on which machine, in one line."""
+    machine = run["machine"]
+    return (
+        f"Measured {machine['date']} on {machine['processor']}, {machine['cores']} cores, "
+        f"{machine['memory_gib']} GiB, {machine['kernel']}, Python {machine['python']}; load before: "
+        f"{machine['load_before']}. Command: `{run['command']}`."
+    )
 
 
 def _setups(results: list[dict[str, Any]]) -> str:

@@ -2,10 +2,11 @@
 
 import signal
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tools.bench.contender import work_folder
+from tools.bench.contender import Trouble, work_folder
 from tools.bench.options import Options
 from tools.bench.restart_modules import JOURNAL
 from tools.journal import read_journal
@@ -23,12 +24,17 @@ def restart(options: Options) -> list[dict[str, Any]]:
     subjects = {"robbie small": 1, "robbie small, no spares": 0}
     title = f"SIGKILL until the restarted module handles a message, {kills} kills"
     rows = [
-        {"name": name, "title": name.removeprefix("robbie "), "version": "", "trouble": "", "rounds": []}
-        | {"away_ms": measure(kills, spares)}
-        for name, spares in subjects.items()
-        if spares or not options.quick
+        _row(name, kills, spares, options) for name, spares in subjects.items() if spares or not options.quick
     ]
     return [{"benchmark": "restart", "title": title, "kind": "restart", "contenders": rows}]
+
+
+def _row(name: str, kills: int, spares: int, options: Options) -> dict[str, Any]:
+    row = {"name": name, "title": name.removeprefix("robbie "), "version": "", "trouble": "", "rounds": []}
+    try:
+        return row | {"away_ms": options.watched(partial(measure, kills, spares))}
+    except Trouble as trouble:
+        return row | {"trouble": str(trouble)}
 
 
 def measure(kills: int, spares: int) -> list[float]:

@@ -68,6 +68,11 @@ class RobbieContender:
         """Robbie is never absent."""
         return ""
 
+    @property
+    def can_fill_in_place(self) -> bool:
+        """A module can lend an array."""
+        return True
+
     def run(self, work: Work) -> WorkResult:
         """Run a profile with one publisher and the work's subscribers until it ends."""
         with work_folder() as (topic, folder):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from robbie_mp import REQUIRED, Module, setting
 from robbie_mp.messages import Image, String
-from tools.bench.peers.rclpy_relay import parts
+from tools.bench.peers.rclpy import parts
 from tools.bench.record import Receipts
 from tools.bench.work import Work
 

@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from tools.bench.contender import Contender, Trouble, WorkResult
 from tools.bench.work import Work
 
+Watched = Callable[[Callable[[], Any]], Any]
+"""Calls what measures, and returns its result; see `QuietMachine`."""
 LEFT_OUT = "left out by --quick"
 
 
@@ -48,8 +51,17 @@ class Series:
         }
 
 
+def unwatched(measure: Callable[[], Any]) -> Any:
+    """Measure, whatever else the machine does."""
+    return measure()
+
+
 def run_rounds(
-    series: Sequence[Series], run: Callable[[Series], Any], rounds: int, budget_s: float | None = None
+    series: Sequence[Series],
+    run: Callable[[Series], Any],
+    rounds: int,
+    budget_s: float | None = None,
+    watched: Watched = unwatched,
 ) -> None:
     """Run each contender once in each round. Each round begins with a different contender.
 
@@ -60,6 +72,7 @@ def run_rounds(
         run: does the work once.
         rounds: number of rounds.
         budget_s: time after which no further contender is started; None: no limit.
+        watched: calls what measures; raises `Trouble` if the machine was too busy.
     """
     began_s = time.monotonic()
     for one in series:
@@ -71,7 +84,7 @@ def run_rounds(
                 continue
             _say(f"round {number + 1} of {rounds}: {one.describe()['title']}")
             try:
-                one.outcomes.append(run(one))
+                one.outcomes.append(watched(partial(run, one)))
                 one.rounds.append(number)
             except Trouble as trouble:
                 one.trouble = str(trouble)
@@ -82,10 +95,18 @@ def run_rounds(
 
 
 def run_work(
-    series: Sequence[Series], work: Work, rounds: int, budget_s: float | None = None
+    series: Sequence[Series],
+    work: Work,
+    rounds: int,
+    budget_s: float | None = None,
+    watched: Watched = unwatched,
 ) -> list[dict[str, Any]]:
     """Run the same work with all contenders, each with its changes, and return their figures."""
-    run_rounds(series, lambda one: one.contender.run(replace(work, **one.changes)), rounds, budget_s)
+
+    def run(one: Series) -> WorkResult:
+        return one.contender.run(replace(work, **one.changes))
+
+    run_rounds(series, run, rounds, budget_s, watched)
     return [one.describe() | (_figures(one.outcomes) if one.outcomes else {}) for one in series]
 
 
@@ -115,6 +136,7 @@ def _figures(outcomes: Sequence[WorkResult]) -> dict[str, Any]:
         "received_per_s": [_received_per_s(outcome) for outcome in outcomes],
         "p50_us": [_quantile(one, 0.5) for one in received],
         "p99_us": [_quantile(one, 0.99) for one in received],
+        "p999_us": [_quantile(one, 0.999) for one in received],
     }
 
 

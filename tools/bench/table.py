@@ -107,8 +107,12 @@ def _throughput(result: Row) -> str:
 
 
 def _idle(result: Row) -> str:
-    lines = [[_title(row), number(middle(row["cpu_percent"]), 2)] for row in result["contenders"]]
-    return render(["", "% of one core"], lines)
+    columns = {"cpu_percent": 2, "memory_mib": 0, "start_s": 2}
+    lines = [
+        [_title(row), *(number(middle(row.get(name, ())), digits) for name, digits in columns.items())]
+        for row in result["contenders"]
+    ]
+    return render(["", "% of one core", "memory MiB", "start s"], lines)
 
 
 def _loaded(result: Row) -> str:
@@ -122,8 +126,8 @@ def _loaded(result: Row) -> str:
 def _restart(result: Row) -> str:
     lines = []
     for row in result["contenders"]:
-        away_ms = row.get("away_ms") or [0.0]
-        figures = (middle(away_ms), float(np.quantile(away_ms, 0.99)))
+        away_ms = row.get("away_ms")
+        figures = (middle(away_ms), float(np.quantile(away_ms, 0.99))) if away_ms else ()
         lines.append([_title(row), *map(number, figures)])
     return render(["", "median ms", "p99 ms"], lines)
 

@@ -1,76 +1,25 @@
-"""Real nodes of ROS 2 with a relay between: what the bridge is compared with; see `make ros`."""
+"""Real nodes of ROS 2 with a relay between: what the bridge is compared with."""
 
-import array
-import os
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
-from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.peers.rclpy import DEPTH, Rclpy, kind, node_of, parts, spin_until
 from tools.bench.work import END, Work
 
-ROS = Path(__file__).parents[3] / ".venv/ros-jazzy"
-CONNECT_LIMIT_S = 40.0
-NS_PER_S = 1_000_000_000
-TEXT_LENGTH = 64
-DEPTH = 100
 
-
-class RclpyRelay(Peer):
-    """Publisher, relay and subscriber are processes of rclpy, with ROS's default middleware.
-
-    A small message is a String of 64 characters, a large one an Image.
-    """
+class RclpyRelay(Rclpy):
+    """Publisher, relay and subscriber are nodes of rclpy."""
 
     title = "rclpy relay"
-    how = "rclpy 7.1 with rmw_fastrtps_cpp, reliable, depth 100; a node passes on what it gets"
+    how = f"{Rclpy.how}; a node passes on what it gets"
+    topics = ("/before", "/behind")
     has_relay = True
-
-    def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
-        """Return the command lines, in ROS's interpreter."""
-        return [[str(ROS / "bin/python"), *words] for _, *words in super().commands(name, work, work_file)]
-
-    @contextmanager
-    def publisher(self, work: Work) -> Iterator[Send]:
-        """Wait until somebody subscribes, then yield what publishes."""
-        with node_of(work, "publisher") as node:
-            publisher = node.create_publisher(kind(work), names(work)[0], DEPTH)
-            deadline_s = time.monotonic() + CONNECT_LIMIT_S
-            while not publisher.get_subscription_count() and time.monotonic() < deadline_s:
-                time.sleep(0.05)
-            data = array.array("B", bytes(work.size_bytes)) if work.has_array else None
-
-            def send(number: int) -> None:
-                message = kind(work)()
-                if data is None:
-                    message.data = f"{number} {time.monotonic_ns()}".ljust(TEXT_LENGTH)
-                else:
-                    stamp_ns = time.monotonic_ns()
-                    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
-                    message.encoding, message.data = str(number), data
-                publisher.publish(message)
-
-            yield send
-
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
-        """Spin until the last message."""
-        ended: list[bool] = []
-        with node_of(work, f"subscriber{index}") as node:
-            node.create_subscription(
-                kind(work),
-                names(work)[1],
-                lambda message: ended.extend([True] * handle(*parts(message))),
-                DEPTH,
-            )
-            spin_until(node, ended)
 
     def relay(self, work: Work) -> None:
         """Pass on until the last message."""
         ended: list[bool] = []
         with node_of(work, "relay") as node:
-            source, target = names(work)
+            source, target = self.topics
             publisher = node.create_publisher(kind(work), target, DEPTH)
 
             def on_message(message: Any) -> None:
@@ -81,73 +30,6 @@ class RclpyRelay(Peer):
             node.create_subscription(kind(work), source, on_message, DEPTH)
             spin_until(node, ended)
             time.sleep(1.0)  # until the last message has left
-
-    def clean(self, work: Work) -> None:
-        """Remove what killed nodes have left."""
-        from robbie_mp.base.linux.fastdds_memory import remove_dead_participants  # noqa: PLC0415
-
-        remove_dead_participants()
-
-    @property
-    def why_absent(self) -> str:
-        """Whether there are wheels."""
-        return "" if (ROS / "done").exists() else "no wheels of ROS 2: `make ros` installs them"
-
-    @property
-    def version(self) -> str:
-        """The distribution."""
-        return "Jazzy"
-
-
-def domain_of(work: Work) -> int:
-    """Return a domain that other work hardly has: the topic ends in letters that differ."""
-    return 100 + sum(work.topic.encode()) % 100
-
-
-def names(work: Work) -> tuple[str, str]:
-    """Return the topics before and behind the relay."""
-    return "/before", "/behind"
-
-
-@contextmanager
-def node_of(work: Work, name: str) -> Iterator[Any]:
-    """Yield a node."""
-    os.environ.update(RMW_IMPLEMENTATION="rmw_fastrtps_cpp", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
-    os.environ["ROS_LOG_DIR"] = str(work.folder)
-    import rclpy  # noqa: PLC0415
-
-    rclpy.init(domain_id=domain_of(work))
-    node = rclpy.create_node(name)
-    yield node
-    node.destroy_node()
-    rclpy.shutdown()
-
-
-def spin_until(node: Any, ended: list[bool]) -> None:
-    """Handle messages until the last one."""
-    import rclpy  # noqa: PLC0415
-
-    executor = rclpy.executors.SingleThreadedExecutor()
-    executor.add_node(node)
-    while not ended:
-        executor.spin_once(timeout_sec=1.0)
-
-
-def kind(work: Work) -> Any:
-    """Return the class of the work's messages."""
-    from sensor_msgs.msg import Image  # noqa: PLC0415
-    from std_msgs.msg import String  # noqa: PLC0415
-
-    return Image if work.has_array else String
-
-
-def parts(message: Any) -> tuple[int, int]:
-    """Return a message's number and stamp."""
-    if not hasattr(message, "encoding"):
-        number, stamp_ns = message.data.split()
-        return int(number), int(stamp_ns)
-    stamp = message.header.stamp
-    return int(message.encoding), stamp.sec * NS_PER_S + stamp.nanosec
 
 
 PEER = RclpyRelay()

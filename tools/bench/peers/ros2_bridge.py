@@ -5,18 +5,17 @@ from pathlib import Path
 
 import yaml
 
-from tools.bench.peers.rclpy_relay import DEPTH, RclpyRelay, domain_of, names
+from tools.bench.peers.rclpy import DEPTH, Rclpy, domain_of
 from tools.bench.work import Work
 
 MODULES = "tools.bench.ros2_modules"
 
 
-class BridgedSubscriber(RclpyRelay):
-    """The subscriber is a module of a robot; the bridge and the core stand where the relay stands."""
+class BridgedSubscriber(Rclpy):
+    """The subscriber is a module of a robot; bridge and core stand where a relay stands."""
 
     title = "Robbie-MP's bridge"
     how = "the same publisher; the bridge over DDS, the core, and a module, run by `robbie run`"
-    has_relay = False
 
     def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
         """Return the robot's command line, and the publisher's."""
@@ -31,7 +30,7 @@ class BridgedSubscriber(RclpyRelay):
 def profile(work: Work, work_file: Path) -> dict[str, object]:
     """Return the robot's profile."""
     taken = f"{'Image' if work.has_array else 'String'} bench depth={DEPTH}"
-    bridge = {"middleware": "dds", "domain": domain_of(work), "accept": {names(work)[0]: taken}}
+    bridge = {"middleware": "dds", "domain": domain_of(work), "accept": {BridgedSubscriber.topics[0]: taken}}
     modules = {
         "subscriber": {
             "class": f"{MODULES}:RosSubscriber",
