@@ -1,6 +1,6 @@
 """Which Robbie-MP this is, and which layout its shared memory has."""
 
-LAYOUT_VERSION = 21
+LAYOUT_VERSION = 22
 """Raise this when you change anything in `robbie_mp/bus/transport/layout.py`."""
 
 

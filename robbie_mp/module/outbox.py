@@ -120,9 +120,7 @@ class Outbox:
     def outstanding(self) -> int:
         """Number of messages that subscribers still wait for or have."""
         if not self._paces:
-            with self._lock:
-                self._paces = True
-                self._endpoint.wake_after_freed(1)  # only to tell the core: it causes no tick
+            self._pace()
         counted: int | None = None if self._native is None else self._native.outstanding()
         if counted is not None:
             return counted
@@ -133,6 +131,12 @@ class Outbox:
                 self._endpoint.wake_core()  # otherwise it reads releases only with the next message
             self._published_when_asked = published
             return len(self._blocks.taken)
+
+    def _pace(self) -> None:
+        with self._lock:
+            if not self._paces:
+                self._paces = True
+                self._endpoint.pace()
 
     def wake_after_freed(self, messages: int) -> None:
         """Wake this module when this number of its messages have been released."""

@@ -62,6 +62,8 @@ struct channel {
     uint64_t index, at;
     struct subscription **subscriptions;
     uint64_t subscription_count;
+    uint64_t paced_sequence;
+    uint32_t paced_reference;
 };
 
 /* See Link of members.py. */

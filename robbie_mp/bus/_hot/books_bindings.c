@@ -539,6 +539,8 @@ static void channel_free(PyObject *self)
 static PyMemberDef channel_members[] = {
     {"index", T_ULONGLONG, offsetof(struct channel_object, channel.index), 0, NULL},
     {"at", T_ULONGLONG, offsetof(struct channel_object, channel.at), 0, NULL},
+    {"paced_sequence", T_ULONGLONG, offsetof(struct channel_object, channel.paced_sequence), 0, NULL},
+    {"paced_reference", T_UINT, offsetof(struct channel_object, channel.paced_reference), 0, NULL},
     {NULL, 0, 0, 0, NULL},
 };
 

@@ -248,9 +248,28 @@ static void queue(struct router *router, struct slot *slot, struct subscription 
     }
 }
 
+/* Before a message is queued: drop what waits of its channel, if its publisher paces itself. */
+static void yield_to_pace(struct router *router, struct slot *slot, uint32_t reference,
+                          const struct message *message, struct channel *channel)
+{
+    struct books *books = router->books;
+    const struct link *publisher = publisher_of(books, message->source);
+    if (publisher == NULL || !publisher->paces)
+        return;
+    uint32_t old = channel->paced_reference;
+    if (list_has(slot->waiting, old) &&
+        load(reference_row(books, old) + REFERENCE_SEQUENCE) == channel->paced_sequence &&
+        publisher_of(books, load(handle_row(books, message_of(books, old)) + HANDLE_SOURCE)) != NULL) {
+        remove_waiting(books, slot, old);
+        finish(router, old, OUTCOME_DROPPED);
+    }
+    channel->paced_reference = reference;
+    channel->paced_sequence = message->sequence;
+}
+
 /* Send a message, or queue it behind others; if the queue is full, drop its oldest message. */
 static void add(struct router *router, struct subscription *subscription, uint32_t reference,
-                const struct message *message)
+                const struct message *message, struct channel *channel)
 {
     struct books *books = router->books;
     struct slot *slot = books->slots[subscription->slot];
@@ -263,35 +282,11 @@ static void add(struct router *router, struct subscription *subscription, uint32
         else
             router->wake(router->context, link);
     } else {
+        if (slot->yields)
+            yield_to_pace(router, slot, reference, message, channel);
         queue(router, slot, subscription, reference, message->size);
     }
     outdate(books, slot);
-}
-
-/* Whether the core keeps the newest message of a channel, in its own slot, which is the last. */
-static bool is_latched(const struct books *books, const struct channel *channel)
-{
-    for (uint64_t nth = 0; nth < channel->subscription_count; nth++)
-        if (channel->subscriptions[nth]->slot == books->slot_count - 1)
-            return true;
-    return false;
-}
-
-/* Drop a message from the queues that yield, if its publisher paces itself. */
-static void yield(struct router *router, const struct channel *channel, const struct message *message)
-{
-    struct books *books = router->books;
-    const struct link *publisher = publisher_of(books, message->source);
-    if (publisher == NULL || !publisher->paces)
-        return;
-    for (uint64_t nth = 0; nth < channel->subscription_count; nth++) {
-        struct slot *slot = books->slots[channel->subscriptions[nth]->slot];
-        uint32_t reference = router->claims[nth];
-        if (slot->yields && list_has(slot->waiting, reference) && !is_latched(books, channel)) {
-            remove_waiting(books, slot, reference);
-            finish(router, reference, OUTCOME_DROPPED);
-        }
-    }
 }
 
 /* -- flow.py -------------------------------------------------------------------------------------------- */
@@ -315,7 +310,7 @@ static void count_message(struct books *books, const struct channel *channel, co
     store(row + CHANNEL_INTERVALS_SQUARED, squares);
 }
 
-static void route(struct router *router, struct slot *slot, const struct channel *channel, uint32_t index,
+static void route(struct router *router, struct slot *slot, struct channel *channel, uint32_t index,
                   const struct message *message)
 {
     struct books *books = router->books;
@@ -323,14 +318,12 @@ static void route(struct router *router, struct slot *slot, const struct channel
     for (uint64_t nth = 0; nth < channel->subscription_count; nth++)
         router->claims[nth] = open_reference(books, channel->subscriptions[nth], index, message->sequence);
     for (uint64_t nth = 0; nth < channel->subscription_count; nth++)
-        add(router, channel->subscriptions[nth], router->claims[nth], message);
+        add(router, channel->subscriptions[nth], router->claims[nth], message, channel);
     shared_word *routed = books->words + slot->at + PUBLISHER_ROUTED;
     store(routed, load(routed) + 1);
     count_message(books, channel, message);
     if (channel->subscription_count == 0)
         give_back(router, index);
-    else
-        yield(router, channel, message);
 }
 
 /* Whether nothing but a block is given back when a message ends: no dead publisher must be announced as gone. */
@@ -361,7 +354,7 @@ static bool on_publish(struct router *router, struct slot *slot, struct link *li
 {
     struct books *books = router->books;
     uint64_t declaration = record[1], source = record[2], offset = record[3], size = record[4];
-    const struct channel *channel = declaration < DECLARATION_COUNT ? link->channels[declaration] : NULL;
+    struct channel *channel = declaration < DECLARATION_COUNT ? link->channels[declaration] : NULL;
     if (channel == NULL || (source & SOURCE_OF_INCARNATION) != link->source || size > router->message_bytes ||
         offset > MAX_OFFSET)
         return false;

@@ -105,6 +105,8 @@ class Channel:
         """Where four words of its row begin: messages, bytes, last stamp, squares of the intervals."""
         self.subscriptions: tuple[Subscription, ...] = ()
         """Those that get its messages, in this order; always set as a whole."""
+        self.paced_reference = self.paced_sequence = 0
+        """The last message of a publisher that paces itself that waited in the queue that yields."""
 
     def count(self, write: Callable[..., None], before: tuple[int, ...], size: int, stamp_ns: int) -> None:
         """Count a message, and note its publication time and the interval since the one before it.

@@ -100,13 +100,11 @@ class MessageFlow:
         words[_CORE_LAST_SEQUENCE] = sequence
         claims = ledger.open_references(subscriptions, index)
         for subscription, reference in claims:
-            add(subscription, reference, handle)
+            add(subscription, reference, handle, channel)
         words[slot.at + _PUBLISHER_ROUTED] = words[slot.at + _PUBLISHER_ROUTED] + 1
         channel.count(self._write_figures, figures, size, stamp_ns)
         if not claims and not ledger.holders(index):
             self._blocks.give_back(index)
-        elif self._queues.some_yield:
-            self._queues.yield_to_pace(claims, handle, channel)
 
     def _refuse(self, slot: Slot, link: Link, block: int) -> None:
         """Count a message that does not fit into the tables, and give its block back."""

@@ -111,7 +111,7 @@ class Link:
         """Messages that may be in its inbound ring."""
         self.awaited_freed = 0
         """Wake it when this total of its blocks has been freed; 0 if it does not wait."""
-        self.paces = out[layout.OUT_AWAITED_FREED] != 0
+        self.paces = out[layout.OUT_PACES] != 0
         """Whether it paces itself: it has waited for its blocks, or counted them."""
         self.ready = False
         self.has_ended = False
@@ -179,7 +179,7 @@ class Slot:
         """References in the order of their sequence, each with the size of its message in bytes."""
         self.waiting_bytes = 0
         self.yields = False
-        """Whether nothing waits here whose publisher paces itself; see `Queues.yield_to_pace`."""
+        """Whether publishers that pace themselves do not wait for it. At most one module yields in a run."""
         self.windows: MutableSequence[int] = []
         """Most bytes of each publisher that the module may have and not have handled yet; see `Router`."""
         self.link: Link | None = None

@@ -34,8 +34,6 @@ class Queues:
         self._ledger = ledger
         self._slots = slots
         self._write_figures = row_writer(words, 4)
-        self.some_yield = any(slot.yields for slot in slots)
-        """Whether `yield_to_pace` has anything to do in this run."""
         self.holds_posts = False
         """Whether more messages are about to follow, so that one post may wake a module for all of them."""
         self.to_post: dict[Link, None] = {}
@@ -47,7 +45,7 @@ class Queues:
         self.outdate: Callable[[Slot], None] = self._outdated.setdefault
         """Note that the queue of a module, or the messages it has, have changed."""
 
-    def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
+    def add(self, subscription: Subscription, reference: int, handle: Handle, channel: Channel) -> None:
         """Send a message, or queue it behind others; if the queue is full, drop its oldest message."""
         slot = self._slots[subscription.slot]
         link = slot.link
@@ -63,6 +61,8 @@ class Queues:
             else:
                 link.wake()
         else:
+            if slot.yields:
+                self._yield_to_pace(slot, reference, handle, channel)
             self._queue(slot, subscription, reference, handle.size)
         self.outdate(slot)
 
@@ -112,32 +112,29 @@ class Queues:
             ledger.finish(reference, Outcome.DROPPED)
             self.outdate(slot)
 
-    def yield_to_pace(
-        self, claims: Sequence[tuple[Subscription, int]], handle: Handle, channel: Channel
-    ) -> None:
-        """Drop a message from the queues that yield, if its publisher paces itself.
+    def _yield_to_pace(self, slot: Slot, reference: int, handle: Handle, channel: Channel) -> None:
+        """Before a message is queued: drop what waits of its channel, if its publisher paces itself.
 
-        So such a publisher waits at most for what is in the ring of the black box, and the black box gets as
-        much as it can handle. A latched message waits all the same: there may be no newer one for hours.
-
-        Args:
-            claims: those that got the message, each with its reference.
-            handle: the message, whose routing has been completed: this may free its row.
-            channel: its channel.
+        So such a publisher waits for what is in the ring of the black box, and for one message of each
+        channel; the black box gets as much as it can handle, and always the newest.
         """
-        publisher = self._slots[handle.source & _SOURCE_SLOT].link
-        if (
-            publisher is None
-            or publisher.source != handle.source & layout.SOURCE_OF_INCARNATION
-            or not publisher.paces
-            or any(subscription.is_latch for subscription in channel.subscriptions)
-        ):
+        publisher = self._alive(handle.source)
+        if publisher is None or not publisher.paces:
             return
-        for subscription, reference in claims:
-            slot = self._slots[subscription.slot]
-            if slot.yields and reference in slot.waiting:
-                self.remove(slot, reference)
-                self._ledger.finish(reference, Outcome.DROPPED)
+        old, ledger = channel.paced_reference, self._ledger
+        if (
+            old in slot.waiting
+            and ledger.reference(old)[0] == channel.paced_sequence
+            and self._alive(ledger.handle(ledger.reference(old)[1]).source) is not None
+        ):
+            self.remove(slot, old)
+            ledger.finish(old, Outcome.DROPPED)
+        channel.paced_reference, channel.paced_sequence = reference, handle.sequence
+
+    def _alive(self, source: int) -> Link | None:
+        """Return the link of a message's publisher; None: it is dead."""
+        link = self._slots[source & _SOURCE_SLOT].link
+        return link if link is not None and link.source == source & layout.SOURCE_OF_INCARNATION else None
 
     def remove(self, slot: Slot, reference: int) -> None:
         """Take a message out of the queue."""
@@ -264,14 +261,13 @@ class LockstepQueues(Queues):
     ):
         super().__init__(words, ledger, slots)
         self._now_ns = now_ns
-        self.some_yield = False  # everybody is waited for
         self._in_step = [slot for slot in slots if slot.index not in tools]
         self._tools = tools
 
-    def add(self, subscription: Subscription, reference: int, handle: Handle) -> None:
+    def add(self, subscription: Subscription, reference: int, handle: Handle, channel: Channel) -> None:
         """Queue a message; if the queue is full, drop its oldest message."""
         if subscription.slot in self._tools:
-            super().add(subscription, reference, handle)
+            super().add(subscription, reference, handle, channel)
             return
         slot = self._slots[subscription.slot]
         self._queue(slot, subscription, reference, handle.size)

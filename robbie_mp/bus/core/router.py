@@ -59,7 +59,7 @@ class SlotLimits:
     is_tool: bool = False
     """Whether it is an attached tool; the rows of its subscriptions are used again after it has left."""
     yields: bool = False
-    """Whether its queue yields to publishers that pace themselves; see `Queues.yield_to_pace`."""
+    """Whether it keeps only the newest message of each channel whose publishers pace themselves."""
 
 
 class Router:

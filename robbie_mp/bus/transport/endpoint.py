@@ -352,6 +352,12 @@ class Endpoint:
     def wake_after_freed(self, blocks: int) -> int:
         """Ask to be woken when this number of further blocks is freed; return the `freed_count` then."""
         total: int = self._freed.tail + blocks
-        self._out[layout.OUT_AWAITED_FREED] = total  # for a core that takes over
+        self._out[layout.OUT_PACES] = 1  # both words are for a core that takes over
+        self._out[layout.OUT_AWAITED_FREED] = total
         self.send(Outbound.WAIT_FREED, total)
         return total
+
+    def pace(self) -> None:
+        """Tell the core that this module paces itself; not while it waits to be woken."""
+        self._out[layout.OUT_PACES] = 1
+        self.send(Outbound.WAIT_FREED, 0)

@@ -200,7 +200,7 @@ class _Builder:
             name=BLACK_BOX,
             class_path="robbie_mp.logs.black_box.module:BlackBox",
             settings={key: value.plain() for key, value in settings.items()},
-            queue=QueueLimits(messages=4000, yields=True),
+            queue=QueueLimits(messages=4000),
             stop_grace_s=20.0,
         )
 

@@ -104,8 +104,6 @@ class QueueLimits:
     bytes: int = bounded(64 << 20, 1, MAX_BYTES)
     in_flight_bytes: int = bounded(16 << 20, 1, MAX_BYTES)
     """Bytes of one publisher that may also be in its ring or held by it; a single message may be larger."""
-    yields: bool = False
-    """Whether no message waits here whose publisher paces itself by `outstanding`."""
 
 
 HANDLER_DEADLINE_S = 10.0

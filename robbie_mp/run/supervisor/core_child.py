@@ -9,7 +9,7 @@ from robbie_mp.bus.core.router import SlotLimits
 from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
 from robbie_mp.run.plan import CORE, SUPERVISOR_MEMORY_BYTES, TOOL_MEMORY_BYTES, RunPlan
-from robbie_mp.run.profile.model import QueueLimits
+from robbie_mp.run.profile.model import BLACK_BOX, QueueLimits
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.run.supervisor.scheduling import apply_scheduling
 
@@ -18,7 +18,10 @@ SUPERVISOR_QUEUE = SlotLimits(queue_messages=1000, queue_bytes=1 << 20, memory_b
 
 def run_core(plan: RunPlan) -> None:
     """Route messages until SIGTERM."""
-    modules = [_slot(module.queue, memory_bytes=module.memory.limit_bytes) for module in plan.modules]
+    modules = [
+        _slot(module.queue, memory_bytes=module.memory.limit_bytes, yields=module.name == BLACK_BOX)
+        for module in plan.modules
+    ]
     tool = _slot(plan.tool_queue, plan.tools.credits, memory_bytes=TOOL_MEMORY_BYTES, is_tool=True)
     message_bytes = max((module.memory.limit_bytes for module in plan.modules), default=0)
     latched = SlotLimits(plan.core.latched_messages, plan.core.latched_bytes)
@@ -43,7 +46,12 @@ def run_core(plan: RunPlan) -> None:
 
 
 def _slot(
-    queue: QueueLimits, credit: int | None = None, *, memory_bytes: int, is_tool: bool = False
+    queue: QueueLimits,
+    credit: int | None = None,
+    *,
+    memory_bytes: int,
+    is_tool: bool = False,
+    yields: bool = False,
 ) -> SlotLimits:
     return SlotLimits(
         queue.messages,
@@ -52,5 +60,5 @@ def _slot(
         in_flight_bytes=queue.in_flight_bytes,
         memory_bytes=memory_bytes,
         is_tool=is_tool,
-        yields=queue.yields,
+        yields=yields,
     )

@@ -156,9 +156,9 @@ def stopped_and_started(history: History) -> None:
 
 
 def yield_to_pace(history: History) -> None:
-    """What does not fit into the ring of 2 is dropped: beside 3, alone, and of a dead publisher."""
+    """What does not fit into the ring of 2 replaces what waits: beside 3, alone, and of dead publishers."""
     history.wait(1)
-    for _ in range(6):
+    for _ in range(7):
         history.publish(1)
         history.core()
     history.handle(2)
@@ -170,6 +170,11 @@ def yield_to_pace(history: History) -> None:
     history.core()
     history.publish(1)
     history.kill(1)
+    history.start(1)
+    history.wait(1)
+    history.publish(1)
+    history.publish(1)
+    history.core()
     history.begin_and_die(2)
     history.core()
 

@@ -112,17 +112,23 @@ def test_block_is_pinned_until_the_last_array_dies(pair: Pair) -> None:
 
 
 def test_core_learns_from_the_first_count_that_a_module_paces_itself(pair: Pair) -> None:
-    def waits() -> int:
-        return pair.sender_words[layout.OUT_AWAITED_FREED]
+    def paces() -> int:
+        return pair.sender_words[layout.OUT_PACES]
 
     pair.outbox.publish(picture(7), "")
-    assert not waits()
+    assert not paces()
     assert pair.outbox.outstanding == 1
-    assert waits() == 1
+    assert paces() == 1
     pair.pass_on()
     assert pair.outbox.outstanding == 0
-    assert waits() == 1, "once is enough"
-    assert not pair.outbox.awaits_room, "it causes no tick"
+    assert not pair.sender_words[layout.OUT_AWAITED_FREED] and not pair.outbox.awaits_room
+
+
+def test_counting_leaves_an_earlier_wish_alone(pair: Pair) -> None:
+    pair.outbox.publish(picture(7), "")
+    pair.outbox.wake_after_freed(4)
+    assert pair.outbox.outstanding == 1
+    assert pair.sender_words[layout.OUT_AWAITED_FREED] == 4
 
 
 def test_message_let_go_in_another_thread_is_released(pair: Pair) -> None:
