@@ -384,6 +384,7 @@ def test_publisher_without_memory_has_the_core_look_for_releases(pair: Pair) -> 
 
 
 def test_asking_again_for_outstanding_messages_has_the_core_look_for_releases(pair: Pair) -> None:
+    assert pair.outbox.outstanding == 0, "the core knows from now on that it is asked"
     pair.outbox.publish(picture(1), "")
     pair.run.run_core()
     delivery = pair.inbox.take()
