@@ -51,3 +51,10 @@ def test_number_of_bookmarks_is_bounded(tmp_path: Path) -> None:
     bookmarks = opened(tmp_path / "way.mcap")
     assert all(bookmarks.add(at) for at in range(MAX_BOOKMARKS))
     assert bookmarks.add(1) is None
+
+
+def test_name_of_a_log_that_no_file_can_have_is_no_error_of_the_page() -> None:
+    bookmarks = Bookmarks()
+    bookmarks.open("x" * 5000)
+    assert "cannot be read" in bookmarks.error
+    assert bookmarks.add(5) is not None

@@ -173,6 +173,7 @@ def time_line_is_enlarged(page: Page) -> None:
     page.click("#playback-zoom-in")
     page.click("#playback-zoom-in")
     page.wait_for_selector("#playback-shown:has-text('of 1:59')")
+    page.wait_for_selector("#playback-shown:has-text('0:00 to 0:29 of 1:59')")
     assert shown_s() == pytest.approx(LONG_S / 4, abs=1)
     slider = page.locator("#playback .q-slider")
     box = slider.bounding_box()

@@ -120,7 +120,7 @@ def view_shows_what_there_is(page: Page) -> None:
     page.click("#tab-view")
     # Two of the scan's rays hit something; the cloud has five points.
     robots = "robot at 1.50 m, -0.50 m, 0°; red at 3.00 m, 1.25 m"
-    others = "7 points, 0 proposed goals, 1 friends, 1 points of interest"
+    others = "7 points, 1 friends, 1 points of interest"
     page.wait_for_selector(f"#view-figures:text-is('{robots}; {others}')")
     for name, place in NODES.items():
         page.wait_for_function(f"({POSITION.replace('NAME', name)})() === '{place}'")

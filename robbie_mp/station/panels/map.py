@@ -408,7 +408,7 @@ class MapPanel(Panel):
         if self._frontiers.message:
             parts.append(f"{len(self._frontiers.message.middles)} frontiers")
         parts += [f"{one['name']} at {one['x']:.2f} m, {one['y']:.2f} m" for one in self._others]
-        parts += [f"{len(marks)} {title}" for title, marks in self._marks.now().items()]
+        parts += [f"{len(marks)} {title}" for title, marks in self._marks.now().items() if marks]
         if self._annotations.message and self._annotations.message.no_go:
             parts.append(f"{len(self._annotations.message.no_go)} no-go areas")
         names = [place.name for place in (*self._places.places, *self._named())]

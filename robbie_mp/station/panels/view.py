@@ -144,5 +144,5 @@ def in_words(now: SceneContents) -> str:
         f"; {name} at {pose.translation[0]:.2f} m, {pose.translation[1]:.2f} m"
         for name, pose in now.others.items()
     )
-    marked = "".join(f"{len(marks)} {title}, " for title, marks in now.marks.items())
+    marked = "".join(f"{len(marks)} {title}, " for title, marks in now.marks.items() if marks)
     return f"{where}{others}; {now.count} points, {marked}{len(now.places)} points of interest"

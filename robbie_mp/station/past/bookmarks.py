@@ -31,6 +31,7 @@ class Bookmarks:
     def __init__(self) -> None:
         self.all: tuple[Bookmark, ...] = ()
         self.error = ""
+        self._log: str | None = None
         self._path: Path | None = None
         self._may_write = True
         """Not if the file could not be read: what is in it must not be lost."""
@@ -38,15 +39,16 @@ class Bookmarks:
 
     def open(self, log: str) -> None:
         """Read those of a log, unless it is the last one read."""
-        path = file_of(Path(log))
         with self._lock:
-            if path == self._path:
+            if log == self._log:
                 return
-            self._path, self.all, self.error, self._may_write = path, (), "", True
+            self._log, self._path, self.all, self.error, self._may_write = log, None, (), "", True
             try:
-                self.all = _read(path)
+                self._path = file_of(Path(log))
+                self.all = _read(self._path)
             except (OSError, ValueError, TypeError, KeyError) as error:
-                self.error = f"{path.name} cannot be read, and stays as it is; new ones are not kept: {error}"
+                name = self._path.name if self._path else "the file of bookmarks"
+                self.error = f"{name} cannot be read, and stays as it is; new ones are not kept: {error}"
                 self._may_write = False
 
     def add(self, time_ns: int) -> Bookmark | None:

@@ -263,7 +263,8 @@ def refuse_and_cancel(driver: Driver) -> None:
     assert text
     assert driver.robot.command("call", "SetControl", "{mode: 2}").returncode == 0
     wait_until(lambda: not driver.send("FollowWaypoints", 0.6))
-    assert driver.robot.command("call", "SetControl", "{mode: 0}").returncode == 0
+    # Right after one operator has ordered to hold, another one is asked to look first.
+    wait_until(lambda: driver.robot.command("call", "SetControl", "{mode: 0}").returncode == 0)
     wait_until(lambda: driver.send("FollowWaypoints", 2.5))
     assert driver.send("NavigateToPose", 2.5)
     wait_until(lambda: any(one > 0.0 for one in driver.node.run(DISTANCES)))

@@ -71,13 +71,17 @@ def drive(harness: ModuleHarness[Mapping], begin: int, end: int) -> None:
             harness.module.mapper.grid()
 
 
+def begun(settings: dict[str, Any], folder: Path) -> ModuleHarness[Mapping]:
+    """Begin a module that will be killed: it never ends its `with` block."""
+    return ModuleHarness(Mapping, settings, output_directory=folder).__enter__()
+
+
 def results(folder: Path) -> tuple[dict[str, Any], str]:
     return json.loads((folder / "mapping.json").read_text()), (folder / "trajectory.txt").read_text()
 
 
 def test_limit_of_key_sweeps_is_a_setting_that_a_restart_may_change(tmp_path: Path) -> None:
-    killed = ModuleHarness(Mapping, EVERY_SCAN | {"key_sweeps": 10}, output_directory=tmp_path)
-    killed.module.setup()
+    killed = begun(EVERY_SCAN | {"key_sweeps": 10}, tmp_path)
     drive(killed, 0, 400)
     assert killed.module.mapper.key_sweeps == 10
     wider = {"key_sweeps": 20}
@@ -91,8 +95,7 @@ def test_killed_mapping_restores_its_map_and_counters(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
     with ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path / "straight") as straight:
         drive(straight, 0, 600)
-    killed = ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path / "killed")
-    killed.module.setup()
+    killed = begun(EVERY_SCAN, tmp_path / "killed")
     drive(killed, 0, 400)
     with ModuleHarness(
         Mapping, EVERY_SCAN, output_directory=tmp_path / "killed", restored=killed.checkpoint
@@ -106,8 +109,7 @@ def test_killed_mapping_restores_its_map_and_counters(tmp_path: Path) -> None:
 
 
 def test_restarted_mapping_publishes_its_map_at_once(tmp_path: Path) -> None:
-    killed = ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path)
-    killed.module.setup()
+    killed = begun(EVERY_SCAN, tmp_path)
     drive(killed, 0, 50)
     with ModuleHarness(Mapping, output_directory=tmp_path, restored=killed.checkpoint) as restarted:
         restarted.advance(0)
@@ -116,8 +118,7 @@ def test_restarted_mapping_publishes_its_map_at_once(tmp_path: Path) -> None:
 
 
 def test_messages_after_the_last_checkpoint_are_neither_mapped_nor_counted(tmp_path: Path) -> None:
-    killed = ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path)
-    killed.module.setup()
+    killed = begun(EVERY_SCAN, tmp_path)
     drive(killed, 0, 104)  # the last sweep is that of number 99
     with ModuleHarness(Mapping, output_directory=tmp_path, restored=killed.checkpoint) as restarted:
         assert (restarted.module.scans, restarted.module.odometry_messages) == (20, 100)
@@ -125,8 +126,7 @@ def test_messages_after_the_last_checkpoint_are_neither_mapped_nor_counted(tmp_p
 
 
 def test_lasers_mounting_pose_stays_that_of_the_first_scan(tmp_path: Path) -> None:
-    killed = ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path)
-    killed.module.setup()
+    killed = begun(EVERY_SCAN, tmp_path)
     mount = Transform(translation=Vector3(x=0.2), rotation=Quaternion.from_yaw(0.3))
     mounted = TFMessage(transforms=[TransformStamped(child_frame_id="laser", transform=mount)])
     killed.send(mounted, topic="tf_static")
@@ -138,8 +138,7 @@ def test_lasers_mounting_pose_stays_that_of_the_first_scan(tmp_path: Path) -> No
 def test_map_with_another_resolution_is_not_continued(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    killed = ModuleHarness(Mapping, EVERY_SCAN, output_directory=tmp_path)
-    killed.module.setup()
+    killed = begun(EVERY_SCAN, tmp_path)
     drive(killed, 0, 50)
     with ModuleHarness(
         Mapping, {"resolution_m": 0.1}, output_directory=tmp_path, restored=killed.checkpoint
