@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from robbie_mp import CallRefused, Header, MessageHandling, Module, SettingError, setting
-from robbie_mp.attached.views.image_pixels import NoPicture, pixels_of
+from robbie_mp.attached.views.image_pixels import DEPTHS, NoPicture, pixels_of
 from robbie_mp.bus.checkpoint.file import write_file
 from robbie_mp.messages import (
     BoundingBox2D,
@@ -220,8 +220,10 @@ def in_colour(image: Image) -> Pixels:
     """Return an image as (height, width, 3), red, green, blue.
 
     Raises:
-        NoPicture: it has an unknown encoding, or is damaged.
+        NoPicture: it has depths or an unknown encoding, or is damaged.
     """
+    if image.encoding in DEPTHS:
+        raise NoPicture(f"the image has depths (it is encoded as {image.encoding!r}); show one of a camera")
     pixels = pixels_of(image)
     return pixels if pixels.ndim == 3 else np.repeat(pixels[:, :, None], 3, axis=2)
 
