@@ -10,7 +10,7 @@ import pytest
 from tests.tools.test_bench_report import row
 from tools.bench import machine, standard
 from tools.bench.__main__ import main
-from tools.bench.machine import NotComparable, QuietMachine, Times
+from tools.bench.machine import NotComparable, ProcessorTimes, QuietMachine
 from tools.bench.standard_table import standard_table
 from tools.busy import busy
 
@@ -58,9 +58,9 @@ def test_nothing_is_measured_while_others_use_the_processors(monkeypatch: pytest
         quiet(lambda: pytest.fail("it was measured"))
 
 
-def times(*stolen_s: float) -> Iterator[Times]:
+def times(*stolen_s: float) -> Iterator[ProcessorTimes]:
     for number, stolen in enumerate(stolen_s):
-        yield Times(total_s=float(number), used_s=0.0, stolen_s=stolen)
+        yield ProcessorTimes(total_s=float(number), used_s=0.0, stolen_s=stolen)
 
 
 def test_measurement_does_not_count_if_the_host_took_the_processors_meanwhile(
@@ -68,7 +68,7 @@ def test_measurement_does_not_count_if_the_host_took_the_processors_meanwhile(
 ) -> None:
     monkeypatch.setattr(machine, "spin_s", lambda: 1.0)
     looks = times(0.0, 0.0, 0.0, 0.5, 0.5, 0.5)
-    monkeypatch.setattr(Times, "now", lambda: next(looks))
+    monkeypatch.setattr(ProcessorTimes, "now", lambda: next(looks))
     with pytest.raises(NotComparable, match="other virtual machines took 50% of the processors"):
         QuietMachine()(lambda: "measured")
 
@@ -77,7 +77,7 @@ def test_processor_that_is_clocked_down_is_noticed(monkeypatch: pytest.MonkeyPat
     spins = iter([1.0, 2.0])
     monkeypatch.setattr(machine, "spin_s", lambda: next(spins))
     looks = times(0.0, 0.0)
-    monkeypatch.setattr(Times, "now", lambda: next(looks))
+    monkeypatch.setattr(ProcessorTimes, "now", lambda: next(looks))
     assert QuietMachine().disturbance() == "the processor ran at 50% of its speed"
 
 

@@ -63,7 +63,7 @@ def _processor() -> str:
 
 
 @dataclass(frozen=True)
-class Times:
+class ProcessorTimes:
     """Time of all processors since boot, in s. Source: /proc/stat in proc(5)."""
 
     total_s: float
@@ -71,13 +71,13 @@ class Times:
     stolen_s: float
 
     @classmethod
-    def now(cls) -> "Times":
+    def now(cls) -> "ProcessorTimes":
         """Read them."""
         times = psutil.cpu_times()
         total_s = sum(times) - times.guest - times.guest_nice  # these are parts of user and nice
         return cls(total_s, total_s - times.idle - times.iowait - times.steal, times.steal)
 
-    def shares_since(self, before: "Times") -> tuple[float, float]:
+    def shares_since(self, before: "ProcessorTimes") -> tuple[float, float]:
         """Return which part of the processors was used, and which was stolen, since then."""
         total_s = max(self.total_s - before.total_s, 1e-9)
         return (self.used_s - before.used_s) / total_s, (self.stolen_s - before.stolen_s) / total_s
@@ -102,9 +102,9 @@ class QuietMachine:
         while problem := self.disturbance():
             if time.monotonic() > deadline_s:
                 raise NotComparable(problem)
-        before = Times.now()
+        before = ProcessorTimes.now()
         measured = measure()
-        _, stolen = Times.now().shares_since(before)
+        _, stolen = ProcessorTimes.now().shares_since(before)
         if stolen > STEAL_LIMIT:
             raise NotComparable(f"other virtual machines took {stolen:.0%} of the processors")
         if problem := self.disturbance():
@@ -115,9 +115,9 @@ class QuietMachine:
         """Look for 0.3 s what others do; return why a figure would mean nothing, or ''."""
         taken_s = spin_s()
         self._fastest_s = min(self._fastest_s, taken_s)
-        before = Times.now()
+        before = ProcessorTimes.now()
         time.sleep(LOOK_S)
-        used, stolen = Times.now().shares_since(before)
+        used, stolen = ProcessorTimes.now().shares_since(before)
         if used > OTHERS_LIMIT:
             return f"other programs used {used:.0%} of the processors"
         if stolen > STEAL_LIMIT:

@@ -21,7 +21,7 @@ IMAGE = Work("", Path(), rate_hz=messages.IMAGE_HZ, warm_up=5)
 
 
 @dataclass(frozen=True)
-class Case:
+class Traffic:
     """Messages of one size at one rate.
 
     Attributes:
@@ -38,14 +38,14 @@ class Case:
 
 
 CASES = (
-    Case("64 bytes, 1 kHz, 1 subscriber", SMALL, 10_000, "floor"),
-    Case("64 bytes, 30 Hz, 1 subscriber", replace(SMALL, rate_hz=30.0, warm_up=5), 240, "floor"),
-    Case("64 bytes, 1 kHz, 8 subscribers", replace(SMALL, subscribers=messages.FANOUT), 2000),
-    Case("1 kB, 1 kHz, 1 subscriber", replace(SMALL, size_bytes=1000), 2000, "memcpy"),
-    Case("64 kB, 1 kHz, 1 subscriber", replace(SMALL, size_bytes=64_000), 2000, "memcpy"),
-    Case("1 MB, 30 Hz, 1 subscriber", replace(IMAGE, size_bytes=messages.MEGABYTE), 90, "memcpy"),
-    Case("6.2 MB, 30 Hz, 1 subscriber", replace(IMAGE, size_bytes=messages.IMAGE_BYTES), 90, "memcpy"),
-    Case(
+    Traffic("64 bytes, 1 kHz, 1 subscriber", SMALL, 10_000, "floor"),
+    Traffic("64 bytes, 30 Hz, 1 subscriber", replace(SMALL, rate_hz=30.0, warm_up=5), 240, "floor"),
+    Traffic("64 bytes, 1 kHz, 8 subscribers", replace(SMALL, subscribers=messages.FANOUT), 2000),
+    Traffic("1 kB, 1 kHz, 1 subscriber", replace(SMALL, size_bytes=1000), 2000, "memcpy"),
+    Traffic("64 kB, 1 kHz, 1 subscriber", replace(SMALL, size_bytes=64_000), 2000, "memcpy"),
+    Traffic("1 MB, 30 Hz, 1 subscriber", replace(IMAGE, size_bytes=messages.MEGABYTE), 90, "memcpy"),
+    Traffic("6.2 MB, 30 Hz, 1 subscriber", replace(IMAGE, size_bytes=messages.IMAGE_BYTES), 90, "memcpy"),
+    Traffic(
         "1 MB, 30 Hz, 8 subscribers",
         replace(IMAGE, size_bytes=messages.MEGABYTE, subscribers=messages.FANOUT),
         60,
@@ -66,7 +66,7 @@ def standard(options: Options) -> list[Result]:
     ]
 
 
-def _latency(options: Options, case: Case) -> Result:
+def _latency(options: Options, case: Traffic) -> Result:
     """Measure one case. Arrays are filled in place by those who can."""
     work = replace(case.work, count=options.count or (case.count // 20 if options.quick else case.count))
     floor = [Series(peer(case.floor))] if case.floor else []

@@ -16,7 +16,7 @@ ABSENT = "-"
 
 
 @dataclass(frozen=True)
-class Figure:
+class TableLine:
     """One line of the table for each result of a kind.
 
     Attributes:
@@ -35,15 +35,15 @@ class Figure:
 
 
 FIGURES = (
-    Figure("latency", "p50_us", "p50 µs"),
-    Figure("latency", "p99_us", "p99 µs", messages=500),
-    Figure("latency", "p999_us", "p99.9 µs", messages=10_000),
-    Figure("throughput", "received_per_s", "messages/s", most_is_best=True),
-    Figure("throughput", "lost", "messages lost"),
-    Figure("loaded", "us_per_message", "processor µs for a message"),
-    Figure("idle", "cpu_percent", "% of one processor"),
-    Figure("idle", "memory_mib", "memory MiB"),
-    Figure("idle", "start_s", "until all run, s"),
+    TableLine("latency", "p50_us", "p50 µs"),
+    TableLine("latency", "p99_us", "p99 µs", messages=500),
+    TableLine("latency", "p999_us", "p99.9 µs", messages=10_000),
+    TableLine("throughput", "received_per_s", "messages/s", most_is_best=True),
+    TableLine("throughput", "lost", "messages lost"),
+    TableLine("loaded", "us_per_message", "processor µs for a message"),
+    TableLine("idle", "cpu_percent", "% of one processor"),
+    TableLine("idle", "memory_mib", "memory MiB"),
+    TableLine("idle", "start_s", "until all run, s"),
 )
 
 
@@ -80,7 +80,7 @@ def _by_contender(result: Row) -> dict[str, Row]:
     return {name: row for name, row in names if " " not in name}
 
 
-def _figures(results: Sequence[Row]) -> Iterator[tuple[Row, Figure]]:
+def _figures(results: Sequence[Row]) -> Iterator[tuple[Row, TableLine]]:
     for result in results:
         sent = max((max(row["sent"]) for row in result["contenders"] if row.get("sent")), default=0)
         for figure in FIGURES:
@@ -88,7 +88,7 @@ def _figures(results: Sequence[Row]) -> Iterator[tuple[Row, Figure]]:
                 yield result, figure
 
 
-def _cells(rows: Mapping[str, Row], figure: Figure, titles: Mapping[str, str]) -> list[str]:
+def _cells(rows: Mapping[str, Row], figure: TableLine, titles: Mapping[str, str]) -> list[str]:
     values = {name: middle(row.get(figure.column, ())) for name, row in rows.items()}
     others = [value for name, value in values.items() if value is not None and is_peer({"name": name})]
     best = (max if figure.most_is_best else min)(others, default=None)

@@ -109,7 +109,7 @@ class FloorSight:
         self._messages, self._graph, self._births = messages, graph, births
         self._clock, self._pages = clock, pages
         self._models: dict[str, tuple[tuple[object, ...], CameraModel | str]] = {}
-        """Of each camera, what it has told, and the model or why there is none."""
+        """For each camera: its last calibration, and the model, or why there is none."""
         self._taken: dict[str, Taken] = {}
         self._again: set[str] = set()
         """The cameras whose pose was not exactly known yet when they were looked at."""

@@ -106,7 +106,7 @@ class Proposals:
         """Return dots along the ways."""
         ways = self._now()
         dots = [dotted(np.array(one.way)) for one in ways]
-        revision = hash(tuple(one.number for one in ways))
+        revision = hash(tuple((one.number, *map(tuple, one.way)) for one in ways))
         return CellMarks(revision, np.concatenate([np.zeros((0, 2)), *dots]), DOT_M)
 
 
@@ -127,7 +127,7 @@ class TouchToGo:
         page: sends requests and goals.
         proposals: shows ways on the map.
         pose: the robot's newest pose on the map.
-        control: who controls the robot.
+        control: the newest control state.
     """
 
     def __init__(

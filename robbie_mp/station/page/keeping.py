@@ -22,7 +22,7 @@ NO_CAMERA = "no camera has sent a picture"
 
 
 class RecordButton:
-    """Starts and stops a recording. It shows on every page, whoever has started it, how long it has lasted.
+    """Starts and stops a recording. Every page shows how long it has lasted, whichever page started it.
 
     Args:
         recorder: makes the recordings.

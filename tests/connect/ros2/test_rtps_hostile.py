@@ -231,7 +231,7 @@ def test_endpoints_that_a_flood_kept_out_are_asked_for_again_once_their_node_is_
     assert told.base == 3
     participant.admission.tell(slam, {first: "/slam", second: "/slam"})
     wait_until(lambda: reader.writers[slam + PUBLICATIONS[0]] is not told)
-    NUMBERS[slam, PUBLICATIONS[0]] = 0  # it sends again what it has told
+    NUMBERS[slam, PUBLICATIONS[0]] = 0  # it announces its endpoints again
     assert [_endpoint(participant, slam, number) for number in (1, 2)] == [first, second]
     (own,) = participant._readers(b"\0\0\1\x04")
     assert set(own.writers) == {first, second}
