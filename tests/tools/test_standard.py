@@ -67,10 +67,29 @@ def test_measurement_does_not_count_if_the_host_took_the_processors_meanwhile(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(machine, "spin_s", lambda: 1.0)
+    monkeypatch.setattr(machine, "ATTEMPTS", 1)
     looks = times(0.0, 0.0, 0.0, 0.5, 0.5, 0.5)
     monkeypatch.setattr(ProcessorTimes, "now", lambda: next(looks))
     with pytest.raises(NotComparable, match="other virtual machines took 50% of the processors"):
         QuietMachine()(lambda: "measured")
+
+
+def test_disturbed_measurement_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "spin_s", lambda: 1.0)
+    disturbed, undisturbed = [0.0, 0.0, 0.0, 0.5], [0.5] * 6
+    looks = times(*disturbed, *undisturbed)
+    monkeypatch.setattr(ProcessorTimes, "now", lambda: next(looks))
+    measured = iter(["disturbed", "undisturbed"])
+    assert QuietMachine()(lambda: next(measured)) == "undisturbed"
+
+
+def test_nothing_is_repeated_when_the_time_for_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(machine, "REPEATS_S", -1.0)
+    looks = iter(["busy"])
+    monkeypatch.setattr(QuietMachine, "disturbance", lambda self: next(looks))
+    with pytest.raises(NotComparable):
+        QuietMachine()(lambda: pytest.fail("it was measured"))
 
 
 def test_processor_that_is_clocked_down_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
