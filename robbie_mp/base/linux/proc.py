@@ -1,6 +1,7 @@
 """Process information from proc(5): the few fields that supervision and cleaning up need."""
 
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -104,6 +105,9 @@ def is_traced(pid: int) -> bool:
         return False
 
 
+_USAGE = re.compile(rb"^(VmRSS|RssShmem|Threads):\s*(\d+)", re.MULTILINE)
+
+
 @dataclass(frozen=True)
 class ProcessUsage:
     """Processor time, memory and threads of a process; zeros if it has ended."""
@@ -122,21 +126,17 @@ def read_usage(pid: int) -> ProcessUsage:
     stat = read_stat(pid)
     try:
         with open(f"/proc/{pid}/status", "rb") as file:
-            lines = dict(line.partition(b":")[::2] for line in file)
+            found = dict(_USAGE.findall(file.read()))
     except OSError:
-        lines = {}
-    if stat is None or not lines:
+        found = {}
+    if stat is None or not found:
         return ProcessUsage()
     return ProcessUsage(
         cpu_s=stat.cpu_ticks / os.sysconf("SC_CLK_TCK"),
-        rss_bytes=_kibibytes(lines.get(b"VmRSS")),  # a zombie has none
-        shared_bytes=_kibibytes(lines.get(b"RssShmem")),
-        threads=int(lines[b"Threads"]),
+        rss_bytes=int(found.get(b"VmRSS", 0)) << 10,  # a zombie has none
+        shared_bytes=int(found.get(b"RssShmem", 0)) << 10,
+        threads=int(found[b"Threads"]),
     )
-
-
-def _kibibytes(text: bytes | None) -> int:
-    return int(text.split()[0]) << 10 if text else 0
 
 
 def processes() -> Iterator[ProcessStat]:

@@ -1,13 +1,16 @@
 """The segments that one incarnation of a module shares with the core, mapped read-only and kept mapped."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.records import Outbound
 from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName, DeclarationRow
+from robbie_mp.bus.transport.words import WORD_BYTES
 
 NO_WORDS = [0] * layout.OUT_DECLARATIONS
 
@@ -60,10 +63,12 @@ class ModuleMemory:
         """A copy of the words before the declarations, taken at one moment; zeros without a segment."""
         return self._out.copy(0, layout.OUT_DECLARATIONS) if self._out else NO_WORDS
 
-    def histograms(self) -> Sequence[int]:
+    def histograms(self) -> NDArray[np.uint64]:
         """A copy of the histograms; empty without a segment."""
+        if self._out is None:
+            return np.zeros(0, np.uint64)
         at = layout.OUT_MESSAGE_FIGURES
-        return self._out.copy(at, layout.OUT_RING - at) if self._out else ()
+        return np.frombuffer(self._out.buffer, np.uint64, layout.OUT_RING - at, at * WORD_BYTES).copy()
 
     def outbound(self, head: int) -> tuple[int, int]:
         """Records in the outbound ring that the core has not read yet, and the ring's capacity."""

@@ -342,6 +342,6 @@ def _with_punctuality(figures: SubscriptionFigures, memory: ModuleMemory) -> Sub
 
 def _work(memory: ModuleMemory) -> WorkHistograms | None:
     words = memory.histograms()
-    if not words:
+    if not words.size:
         return None
     return WorkHistograms(*(Histogram.read(words, number * HISTOGRAM_WORDS) for number in range(4)))

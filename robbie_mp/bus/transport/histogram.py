@@ -6,7 +6,6 @@ equal parts. So the error of a quantile is at most 1/32 of it, or 32 ns. Times a
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,10 +93,10 @@ class Histogram:
         self.counts = counts
 
     @classmethod
-    def read(cls, words: Sequence[int], at: int) -> "Histogram":
+    def read(cls, words: NDArray[np.uint64], at: int) -> "Histogram":
         """Read a histogram from a copy of its segment."""
-        counts = np.array(words[at + BUCKETS : at + HISTOGRAM_WORDS], np.uint64).astype(np.int64)
-        return cls(words[at + SUM_NS], words[at + MAX_NS], counts)
+        counts = words[at + BUCKETS : at + HISTOGRAM_WORDS].astype(np.int64)
+        return cls(int(words[at + SUM_NS]), int(words[at + MAX_NS]), counts)
 
     def distribution(self, since: "Histogram | None" = None) -> Distribution:
         """Return its statistics.

@@ -117,6 +117,8 @@ def write_text(words: Words, at: int, capacity_words: int, text: str) -> None:
 def read_text(words: Words, at: int, capacity_words: int) -> str:
     """Read a text. Any content of the memory gives a string of at most the capacity."""
     size = min(words[at], (capacity_words - 1) * WORD_BYTES)
+    if not size:  # as most are, of those that the supervisor reads each second
+        return ""
     count = (size + WORD_BYTES - 1) // WORD_BYTES
     data = b"".join(words[at + 1 + index].to_bytes(WORD_BYTES, "little") for index in range(count))
     return data[:size].decode(errors="replace")

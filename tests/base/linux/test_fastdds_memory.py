@@ -10,7 +10,8 @@ import pytest
 from robbie_mp.base.linux.fastdds_memory import YOUNG_S, remove_dead_participants
 
 SEGMENT = "fastrtps_0108bac15c66191d"
-PORT = "fastdds_port7000"
+PORT = "fastdds_port70000"
+"""No participant has it: ports end at 65535. One that another program has mapped would stay."""
 
 
 def make(folder: Path, *names: str, age_s: float = 0.0) -> list[str]:

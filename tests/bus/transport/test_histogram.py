@@ -4,6 +4,7 @@ import statistics
 from array import array
 from itertools import pairwise
 
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,7 +28,7 @@ def recorded(waited: list[int], took: list[int]) -> tuple[Histogram, Histogram]:
     for pair in zip(waited, took, strict=True):
         figures.record(*pair)
     assert not any(words[:5]), "it wrote beside its place"
-    read = words.tolist()
+    read = np.array(words)
     return Histogram.read(read, 5), Histogram.read(read, 5 + HISTOGRAM_WORDS)
 
 
@@ -85,7 +86,6 @@ def test_buckets_are_in_the_order_of_their_times() -> None:
 
 
 def test_garbage_in_the_words_gives_no_figures() -> None:
-    words = [(1 << 64) - 1] * HISTOGRAM_WORDS
-    garbage = Histogram.read(words, 0)
+    garbage = Histogram.read(np.full(HISTOGRAM_WORDS, (1 << 64) - 1, np.uint64), 0)
     garbage.distribution()
-    assert Histogram.read([0] * HISTOGRAM_WORDS, 0).distribution(garbage).mean_s is not None
+    assert Histogram.read(np.zeros(HISTOGRAM_WORDS, np.uint64), 0).distribution(garbage).mean_s is not None
