@@ -27,7 +27,9 @@ class Parser(argparse.ArgumentParser):
         """Parse, and refuse what is left over here, where the help of this very command is named."""
         parsed, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+            option, _, _ = next((one for one in unknown if one.startswith("--")), "").partition("=")
+            near = did_you_mean(option, self._option_string_actions) if option else ""
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{near}")
         return parsed, unknown
 
     def error(self, message: str) -> NoReturn:

@@ -147,7 +147,11 @@ def _refuse_untyped(class_name: str, namespace: Mapping[str, Any], typed: Collec
         if name == "version":
             advice = f"write class {class_name}(Message, name=…, version={value!r:.60})"
         else:
-            advice = f"so it is no field; write `{name}: {_type_for(value)} = {value!r:.60}`, or ClassVar"
+            kind, text = _type_for(value), f"{value!r:.60}"
+            advice = (
+                f"so it is no field; write `{name}: {kind} = {text}`, `{name}: ClassVar[{kind}] = {text}` "
+                f"for a constant, or `del {name}` after its last use"
+            )
         raise DeclarationError(f"{class_name}.{name} has no type, {advice}")
 
 

@@ -570,11 +570,23 @@ class NotSubscribed(RobbieError, LookupError):
     """
 
 
+_SENT_BY = {
+    "Request": "call()",
+    "Response": "reply()",
+    "Goal": "send_goal()",
+    "Feedback": "feed_back()",
+    "Result": "end_goal()",
+}
+"""By the end of the name of a message of calls: the method of the harness that sends it."""
+
+
 def _not_subscribed(
     module: str, type_name: str, topic: str, subscriptions: Iterable[Subscription]
 ) -> NotSubscribed:
     topics = {one.name.topic: one for one in subscriptions if one.name.type_name == type_name}
     takes = f"; it takes it on {', '.join(map(repr, sorted(topics)))}"
+    if "/msg/" not in type_name and (method := _SENT_BY.get(type_name.rpartition("_")[2])):
+        takes = f"; it is part of a call, so send it with {method}"
     why = (did_you_mean(topic, topics) or takes) if topics else "; it does not subscribe to this type"
     return NotSubscribed(f"{module} takes no {type_name} on topic {topic!r}{why}")
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from robbie_mp import Module, ModuleHarness
+from robbie_mp import Module, ModuleHarness, Reply, Request, float64
 from robbie_mp.cli import main
 from robbie_mp.messages import DriveCommand, Image, LaserScan, OccupancyGrid
 from robbie_mp.messages.errors import FieldError, ImmutableMessage, NotAMessage, UnknownField
@@ -81,7 +81,8 @@ CODE = {
     ),
     "untyped_field": (
         "class S(Message, name='bot/msg/G'):\n    x = 3.0\nclass M(Module): pass",
-        "5: DeclarationError: S.x has no type, so it is no field; write `x: float64 = 3.0`, or ClassVar",
+        "5: DeclarationError: S.x has no type, so it is no field; write `x: float64 = 3.0`, "
+        "`x: ClassVar[float64] = 3.0` for a constant, or `del x` after its last use",
     ),
     "list_of_numbers": (
         "class S(Message, name='bot/msg/B'):\n    x: list[float64]\nclass M(Module): pass",
@@ -227,6 +228,8 @@ COMMANDS = {
     "run": (2, "robbie run: the following arguments are required: profile; see `robbie run --help`"),
     "run robt": (2, "there is no profile 'robt'; did you mean 'robot'?"),
     "run robot.yaml": (2, "there is no file robot.yaml; did you mean `robbie run robot`?"),
+    "run profiles/robot": (2, "there is no profile 'profiles/robot'; did you mean 'robot'?"),
+    "run robot --witout sensor": (2, "arguments: --witout sensor; did you mean '--without'"),
     "run robot --set nope=1": (2, "--set nope: expected MODULE.SETTING=VALUE"),
     "run robot --set sensr.period_s=1": (2, "--set sensr.*: there is no module 'sensr'"),
     "run robot --set sensor.period_s=fast": (2, "--set sensor.period_s: .*expected float, at least 0.01"),
@@ -471,8 +474,17 @@ def test_error_of_ours_that_no_line_of_the_module_raised_has_no_traceback() -> N
     assert raised.value.__traceback__ is None
 
 
+class Seen(Reply, name="bot/srv/Look_Response"):
+    range_m: float64
+
+
+class Look(Request[Seen], name="bot/srv/Look_Request"):
+    pass
+
+
 class Listens(Module):
     def setup(self) -> None:
+        self.serve(Look, lambda _look: Seen(range_m=1.0))
         self.subscribe(LaserScan, self.on_scan, topic="scan")
 
     def on_scan(self, _scan: LaserScan) -> None:
@@ -489,6 +501,7 @@ SENT: dict[str, tuple[Any, str, type[Exception], str]] = {
         "Listens takes no sensor_msgs/msg/LaserScan on topic 'scna'; did you mean 'scan'?",
     ),
     "no topic": (LaserScan(), "", NotSubscribed, "LaserScan on topic ''; it takes it on 'scan'"),
+    "request": (Look(), "", NotSubscribed, "on topic ''; it is part of a call, so send it with call()"),
     "other type": (DriveCommand(), "scan", NotSubscribed, "it does not subscribe to this type"),
 }
 """What a test sends a module wrongly, and on which topic: the error, and what the line says."""

@@ -4,7 +4,7 @@ import re
 
 from robbie_mp.bus.transport import layout
 from robbie_mp.run.profile.model import CoreLimits, MemoryLimits, QueueLimits, TraceSettings
-from tests.docs._support.pages import ROOT
+from tests.docs._support.pages import PAGES, ROOT
 
 TEXT = (ROOT / "docs" / "reference.md").read_text()
 ROWS = dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|[^|\n]*\|$", TEXT.split("## Limits")[1], re.MULTILINE))
@@ -35,6 +35,12 @@ def test_limits_of_the_output() -> None:
     rate = f"{limits.burst_lines} at once, then {limits.lines_per_s:g}/s"
     assert ROWS["lines that a module prints, on each stream, and log records"] == rate
     assert f"the output of each process, as JSON lines; {limits.file_bytes // MIB} MiB each" in TEXT
+
+
+def test_only_the_section_on_extras_says_how_to_install_one() -> None:
+    pages = {page: page.read_text() for page in PAGES}
+    assert sum("robbie-mp[" in text for text in pages.values()) == 1
+    assert "robbie-mp[" in TEXT.partition("## Extras")[2].partition("\n## ")[0]
 
 
 def test_every_extra_is_explained() -> None:

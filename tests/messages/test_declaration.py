@@ -175,7 +175,7 @@ def test_refused_type_is_named_as_its_author_wrote_it(annotation: object, writte
 @pytest.mark.parametrize(
     ("name", "value", "written"),
     [
-        ("v", 3.0, "Sample.v has no type, so it is no field; write `v: float64 = 3.0`, or ClassVar"),
+        ("v", 3.0, "Sample.v has no type, so it is no field; write `v: float64 = 3.0`"),
         ("count", 3, "write `count: int32 = 3`"),
         ("is_ok", True, "write `is_ok: bool = True`"),
         ("word", "a", "write `word: str = 'a'`"),

@@ -148,5 +148,5 @@ def _scaled(picture: Any) -> bytes:
 
 def _why(error: Exception) -> str:
     if isinstance(error, ImportError):
-        return "pictures need Pillow: pip install 'robbie-mp[robot]'"
+        return "pictures need Pillow: pip install pillow"
     return str(error) if isinstance(error, NoPicture) else "they are damaged, or of an unknown format"

@@ -71,8 +71,9 @@ def stock_names() -> list[str]:
 
 
 def _near(name: str, known: list[str]) -> str:
-    """Suggest the profile of Robbie-MP with the same name, or else those with similar names."""
-    return f"; did you mean {STOCK + name!r}?" if STOCK + name in known else did_you_mean(name, known)
+    """Suggest a profile with the same name in another place, or else those with similar names."""
+    same = next((one for one in (STOCK + name, name.rpartition("/")[2]) if one in known), None)
+    return f"; did you mean {same!r}?" if same else did_you_mean(name, known)
 
 
 def _names_in(folder: Path) -> list[str]:
