@@ -81,6 +81,25 @@ def test_round_trip_of_a_call_is_compared_with_one_way(
     assert "call and reply, 64 B each: p50 ÷ one way" in capsys.readouterr().out
 
 
+def test_every_picture_reaches_the_base_through_all_stages(tmp_path: Path) -> None:
+    run = measure(tmp_path, "pipeline", "--only=robbie,robbie-watched", "--count=15")
+    rows = {row["name"]: row for row in run["results"][0]["contenders"]}
+    assert set(rows) == {"robbie in place", "robbie", "robbie-watched in place"}
+    for row in rows.values():
+        assert (row["sent"], row["lost"], row["trouble"]) == ([15], [0], ""), row
+        assert 0 < row["p50_us"][0] < 1e7 and row["cpu_percent"][0] > 0
+
+
+@pytest.mark.parametrize("name", ["iceoryx2", "dora"])
+def test_peers_pass_pictures_through_all_stages(tmp_path: Path, name: str) -> None:
+    if why := peer(name).why_absent:
+        pytest.skip(why)
+    run = measure(tmp_path, "pipeline", f"--only={name}", "--count=15")
+    for row in run["results"][0]["contenders"]:
+        assert (row["sent"], row["trouble"]) == ([15], ""), row
+        assert row["lost"][0] < 15 and 0 < row["p50_us"][0] < 1e7
+
+
 @pytest.mark.skipif(bool(peer("rclpy_relay").why_absent), reason=peer("rclpy_relay").why_absent)
 def test_bridge_to_ros_is_compared_with_a_relay_of_rclpy(tmp_path: Path) -> None:
     run = measure(tmp_path, "relay", "--count=5")

@@ -12,6 +12,7 @@ from tools.bench.calling import call
 from tools.bench.goals import goal_table
 from tools.bench.machine import describe_machine
 from tools.bench.options import Options, read_variant
+from tools.bench.pipeline import pipeline
 from tools.bench.report import described, write_report
 from tools.bench.restart import restart
 from tools.bench.standard import standard
@@ -28,6 +29,7 @@ BENCHMARKS = {
     "restart": restart,
     "call": call,
     "relay": messages.relay,
+    "pipeline": pipeline,
 }
 
 

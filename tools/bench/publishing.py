@@ -10,6 +10,8 @@ from tools.bench.record import (
     MEASURED,
     RECEIVED,
     SENT,
+    STAMPS,
+    Handle,
     map_publisher,
     map_subscriber,
 )
@@ -41,10 +43,32 @@ def publish_all(work: Work, send: Callable[[int], None]) -> None:
     _warm_up(work, send, subscribers)
     own = map_publisher(work)
     own[BEGAN_NS] = time.monotonic_ns()
-    own[SENT] = _publish_measured(work, send)
+    own[SENT] = _publish_measured(work, _stamping(own, send) if work.stages else send)
     own[ENDED_NS] = time.monotonic_ns()
     time.sleep(work.pause_s)
     _finish(send, subscribers)
+
+
+def passing_on(work: Work, send: Callable[[int], None]) -> Handle:
+    """Return what a stage does with each message: it sends one with the same number."""
+    subscribers = [map_subscriber(work, index) for index in range(work.subscribers)]
+
+    def handle(number: int, stamp_ns: int, now_ns: int = 0) -> bool:
+        if number != END:
+            send(number)
+            return False
+        _finish(send, subscribers)
+        return True
+
+    return handle
+
+
+def _stamping(own: memoryview, send: Callable[[int], None]) -> Callable[[int], None]:
+    def stamp_and_send(number: int) -> None:
+        own[STAMPS + number] = time.monotonic_ns()
+        send(number)
+
+    return stamp_and_send
 
 
 def _finish(send: Callable[[int], None], subscribers: list[memoryview]) -> None:

@@ -3,11 +3,12 @@
 import mmap
 import time
 from pathlib import Path
+from typing import Protocol
 
 from tools.bench.work import END, Work
 
 RECEIVED, FINISHED, MEASURED, FIRST_NS, LAST_NS, HEADER = range(6)
-SENT, BEGAN_NS, ENDED_NS = range(3)
+SENT, BEGAN_NS, ENDED_NS, STAMPS = range(4)
 
 
 def _map(file: Path, words: int) -> memoryview:
@@ -32,8 +33,15 @@ def map_subscriber(work: Work, index: int) -> memoryview:
 
 
 def map_publisher(work: Work) -> memoryview:
-    """Map the publisher's words."""
-    return _map(publisher_file(work), 3)
+    """Map the publisher's words; if there are stages, the stamp of each message follows (monotonic, ns)."""
+    return _map(publisher_file(work), STAMPS + (work.count if work.stages else 0))
+
+
+class Handle(Protocol):
+    """Records decoded messages; see `Receipts.handle`."""
+
+    def __call__(self, number: int, stamp_ns: int, now_ns: int = 0, /) -> bool:
+        """Record a message by its number and stamp (monotonic clock, ns); return True after the last one."""
 
 
 class Receipts:
@@ -41,6 +49,7 @@ class Receipts:
 
     def __init__(self, work: Work, index: int):
         self._words = map_subscriber(work, index)
+        self._stamps = map_publisher(work)[STAMPS:] if work.stages else None
         self._received = 0
         self._measured = 0
 
@@ -49,12 +58,14 @@ class Receipts:
 
         Args:
             number: of the message.
-            stamp_ns: when it was published.
+            stamp_ns: when it was published; behind stages, the publisher's record has it.
             now_ns: when it was decoded; 0: now.
         """
         now_ns = now_ns or time.monotonic_ns()
         words = self._words
         if number >= 0:
+            if self._stamps is not None:
+                stamp_ns = self._stamps[number]
             words[HEADER + number] = now_ns - stamp_ns
             words[LAST_NS] = now_ns
             if not self._measured:

@@ -19,7 +19,7 @@ from robbie_mp import (
     setting,
     uint8,
 )
-from tools.bench.record import BEGAN_NS, ENDED_NS, SENT, Receipts, map_publisher
+from tools.bench.record import BEGAN_NS, ENDED_NS, SENT, STAMPS, Receipts, map_publisher
 from tools.bench.work import END, Work
 
 LOOK_EVERY_S = 0.01
@@ -96,6 +96,8 @@ class Publisher(Module):
         self.record[BEGAN_NS] = time.monotonic_ns()
         for number in range(self.work.count):
             self.record[SENT] = number + 1
+            if self.work.stages:
+                self.record[STAMPS + number] = time.monotonic_ns()
             yield number
         self.record[ENDED_NS] = time.monotonic_ns()
         yield END
@@ -119,7 +121,7 @@ class Publisher(Module):
         number = next(self.numbers, None)
         if number is None:
             return
-        topic = self.work.topic
+        topic = self.work.hop(0).topic
         if not self.work.has_array:
             stamp_ns = time.monotonic_ns()
             self.publish(
@@ -148,10 +150,11 @@ class Subscriber(Module):
         """Subscribe to the work's messages."""
         work = Work.load(self.work_file)
         self.handle = Receipts(work, self.index).handle
-        if work.has_array:
-            self.subscribe(Picture, self.on_picture, topic=work.topic)
+        last = work.hop(work.stages)
+        if last.has_array:
+            self.subscribe(Picture, self.on_picture, topic=last.topic)
         else:
-            self.subscribe(Probe, self.on_probe, topic=work.topic)
+            self.subscribe(Probe, self.on_probe, topic=last.topic)
 
     def on_probe(self, probe: Probe) -> None:
         """Record the message."""
@@ -162,6 +165,53 @@ class Subscriber(Module):
         now_ns = time.monotonic_ns()
         stamp_ns = picture.stamp_ns or int(picture.data[:8].view(np.int64)[0])
         self.handle(picture.number, stamp_ns, now_ns)
+
+
+class Stage(Module):
+    """Sends a small message for each one it receives."""
+
+    work_file: Path = setting(REQUIRED, "the work, as JSON")
+    index: int = setting(0, "number of stages before this one", minimum=0)
+
+    def setup(self) -> None:
+        """Subscribe to what the one before sends."""
+        work = Work.load(self.work_file)
+        source, self.target = work.hop(self.index), work.hop(self.index + 1)
+        if source.has_array:
+            self.subscribe(Picture, self.on_picture, topic=source.topic)
+        else:
+            self.subscribe(Probe, self.on_probe, topic=source.topic)
+
+    def on_picture(self, picture: Picture) -> None:
+        """Send a message for a picture."""
+        self.pass_on(picture.number)
+
+    def on_probe(self, probe: Probe) -> None:
+        """Send a message for that of the stage before."""
+        self.pass_on(probe.number)
+
+    def pass_on(self, number: int) -> None:
+        """Send a message with the same number."""
+        probe = Probe(number=number, stamp_ns=time.monotonic_ns(), x=1.0, y=2.0, z=3.0, yaw=6.0)
+        self.publish(probe, topic=self.target.topic)
+
+
+class Base(Subscriber):
+    """The subscriber behind all stages, which ends the run when it has the last message."""
+
+    def on_probe(self, probe: Probe) -> None:
+        """Record the message."""
+        if self.handle(probe.number, probe.stamp_ns):
+            self.stop()
+
+
+class Camera(Publisher):
+    """The publisher before all stages, which goes on running until the base ends the run."""
+
+    def tick(self) -> None:
+        """Publish the next picture."""
+        if not self.ended:
+            self.publish_next()
 
 
 class Server(Module):

@@ -107,7 +107,7 @@ def run_work(
         return one.contender.run(replace(work, **one.changes))
 
     run_rounds(series, run, rounds, budget_s, watched)
-    return [one.describe() | (_figures(one.outcomes) if one.outcomes else {}) for one in series]
+    return [one.describe() | (figures(one.outcomes) if one.outcomes else {}) for one in series]
 
 
 def _say(text: str) -> None:
@@ -123,7 +123,7 @@ def last_of_all(outcome: WorkResult) -> NDArray[np.float64]:
     return np.asarray(of_each[:, complete].max(axis=0) / 1e3, np.float64)
 
 
-def _figures(outcomes: Sequence[WorkResult]) -> dict[str, Any]:
+def figures(outcomes: Sequence[WorkResult]) -> dict[str, Any]:
     """Return the quantiles of latency, the rate and the losses of each round.
 
     The quantiles of a round in which nothing arrived are None.

@@ -123,6 +123,17 @@ def _loaded(result: Row) -> str:
     return render(["", "µs for each message", "% of one core"], lines)
 
 
+def _pipeline(result: Row) -> str:
+    lines = []
+    for row in result["contenders"]:
+        cells = [_title(row)]
+        if row.get("sent"):
+            cells += [number(middle(row[column])) for column in ("p50_us", "p99_us", "cpu_percent")]
+            cells += [f"{sum(row['lost']):,}/{sum(row['wanted']):,}"]
+        lines.append(cells)
+    return render(["", "age p50 µs", "age p99 µs", "% of one core", "lost"], lines)
+
+
 def _restart(result: Row) -> str:
     lines = []
     for row in result["contenders"]:
@@ -137,6 +148,7 @@ TABLES: dict[str, Callable[[Row], str]] = {
     "throughput": _throughput,
     "idle": _idle,
     "loaded": _loaded,
+    "pipeline": _pipeline,
     "restart": _restart,
 }
 

@@ -28,6 +28,7 @@ class Work:
         pause_s: with a count of 0, the time for which all processes wait idle.
         cpus: processors on which all processes run; (): all.
         realtime_priority: of all processes under SCHED_FIFO; 0: they run under the usual scheduler.
+        stages: number of processes between publisher and subscriber. Each sends a `Probe` for each message.
     """
 
     topic: str
@@ -42,6 +43,7 @@ class Work:
     pause_s: float = 0.0
     cpus: tuple[int, ...] = ()
     realtime_priority: int = 0
+    stages: int = 0
 
     @property
     def has_array(self) -> bool:
@@ -51,6 +53,13 @@ class Work:
     def at(self, topic: str, folder: Path) -> "Work":
         """Return the same work with another topic and folder."""
         return replace(self, topic=topic, folder=folder)
+
+    def hop(self, number: int) -> "Work":
+        """Return the work between two processes: 0 is the publisher's, the others are those of stages."""
+        if not self.stages:
+            return self
+        size_bytes = PROBE_BYTES if number else self.size_bytes
+        return replace(self, topic=f"{self.topic}-{number}", size_bytes=size_bytes)
 
     def save(self, file: Path) -> None:
         """Write the work to a file, for the processes that do it."""

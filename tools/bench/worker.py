@@ -12,6 +12,7 @@ from tools.bench.work import Work
 
 PUBLISHER = "publisher"
 RELAY = "relay"
+STAGE = "stage-"
 SUBSCRIBER = "subscriber-"
 
 
@@ -28,13 +29,16 @@ def run(peer: Peer, role: str, work: Work) -> None:
     if work.realtime_priority:  # threads that are started later inherit it
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(work.realtime_priority))
     if role == PUBLISHER:
-        with peer.publisher(work) as send:
+        with peer.publisher(work.hop(0)) as send:
             publish_all(work, send)
     elif role == RELAY:
         peer.relay(work)
+    elif role.startswith(STAGE):
+        index = int(role.removeprefix(STAGE))
+        peer.pass_on(work.hop(index), work.hop(index + 1))
     else:
         index = int(role.removeprefix(SUBSCRIBER))
-        peer.receive(work, index, Receipts(work, index).handle)
+        peer.receive(work.hop(work.stages), index, Receipts(work, index).handle)
 
 
 if __name__ == "__main__":

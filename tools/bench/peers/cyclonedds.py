@@ -6,7 +6,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.peers.peer import Peer, Send
+from tools.bench.record import Handle
 from tools.bench.work import Work
 
 CONFIGURATION = """<CycloneDDS><Domain><General>

@@ -4,10 +4,13 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.peers.peer import Peer, Send
+from tools.bench.publishing import passing_on
+from tools.bench.record import Handle
 from tools.bench.work import Work
 
 QUEUE = 100
@@ -28,12 +31,18 @@ class Dora(Peer):
         dataflow = work.folder / "dataflow.yml"
         pool = SHARED_MESSAGES * max(work.size_bytes, 1 << 20)
         outputs = f"    outputs: [message]\n    env: {{DORA_NODE_SHM_POOL_SIZE: {pool}}}\n"
-        nodes = [_node("publisher", name, work_file, outputs)]
         policy = "\n        queue_policy: backpressure" if work.lossless else ""
-        source = f"        source: publisher/message\n        queue_size: {QUEUE}{policy}\n"
+
+        def inputs(source: str) -> str:
+            queue = f"        queue_size: {QUEUE}{policy}\n"
+            return f"    inputs:\n      message:\n        source: {source}/message\n{queue}"
+
+        sources = ["publisher", *(f"stage-{index}" for index in range(work.stages))]
+        nodes = [_node("publisher", name, work_file, outputs)]
+        for source, stage in pairwise(sources):
+            nodes.append(_node(stage, name, work_file, inputs(source) + outputs))
         for index in range(work.subscribers):
-            inputs = f"    inputs:\n      message:\n{source}"
-            nodes.append(_node(f"subscriber-{index}", name, work_file, inputs))
+            nodes.append(_node(f"subscriber-{index}", name, work_file, inputs(sources[-1])))
         dataflow.write_text("nodes:\n" + "".join(nodes))
         return [[sys.executable, "-c", f"import dora; dora.run({str(dataflow)!r})"]]
 
@@ -41,10 +50,13 @@ class Dora(Peer):
     def publisher(self, work: Work) -> Iterator[Send]:
         """Send outputs."""
         import dora  # noqa: PLC0415
+
+        yield self._sender(work, dora.Node())
+
+    def _sender(self, work: Work, node: Any) -> Send:
         import numpy as np  # noqa: PLC0415
         import pyarrow as pa  # noqa: PLC0415
 
-        node = dora.Node()
         data = pa.array(np.ones(work.size_bytes, np.uint8)) if work.has_array else None
 
         def send(number: int) -> None:
@@ -54,13 +66,22 @@ class Dora(Peer):
         def send_array(number: int) -> None:
             node.send_output("message", data, {"number": number, "stamp_ns": time.monotonic_ns()})
 
-        yield send_array if work.has_array else send
+        return send_array if work.has_array else send
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
         """Receive inputs."""
         import dora  # noqa: PLC0415
 
+        self._receive(dora.Node(), handle)
+
+    def pass_on(self, source: Work, target: Work) -> None:
+        """Receive and send with the same node: a process has one."""
+        import dora  # noqa: PLC0415
+
         node = dora.Node()
+        self._receive(node, passing_on(source, self._sender(target, node)))
+
+    def _receive(self, node: Any, handle: Handle) -> None:
         for event in node:
             if event["type"] == "INPUT":
                 metadata: Any = event["metadata"]

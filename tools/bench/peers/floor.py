@@ -11,7 +11,8 @@ from itertools import cycle
 
 import posix_ipc
 
-from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.peers.peer import Peer, Send
+from tools.bench.record import Handle
 from tools.bench.work import END, Work
 
 PROBE = struct.Struct("qqdddddd")

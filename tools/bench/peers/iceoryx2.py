@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.peers.peer import Peer, Send
+from tools.bench.record import Handle
 from tools.bench.work import Work
 
 BUFFER = 64

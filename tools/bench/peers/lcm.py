@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.peers.peer import Peer, Send
+from tools.bench.record import Handle
 from tools.bench.work import END, Work
 
 PROVIDER = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"

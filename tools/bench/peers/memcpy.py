@@ -6,7 +6,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.peers.peer import Peer, Send
+from tools.bench.record import Handle
 from tools.bench.work import END, Work
 
 

@@ -6,19 +6,13 @@ import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Protocol
 
+from tools.bench.publishing import passing_on
+from tools.bench.record import Handle
 from tools.bench.work import Work
 
 Send = Callable[[int], None]
 """Stamps and publishes the message with a given number. Returns when the transport has the message."""
-
-
-class Handle(Protocol):
-    """Records decoded messages; see `Receipts.handle`."""
-
-    def __call__(self, number: int, stamp_ns: int, now_ns: int = 0, /) -> bool:
-        """Record a message by its number and stamp (monotonic clock, ns); return True after the last one."""
 
 
 class Peer:
@@ -50,6 +44,11 @@ class Peer:
         """Receive until `handle` returns True."""
         raise NotImplementedError
 
+    def pass_on(self, source: Work, target: Work) -> None:
+        """Send a message for each one received, until the last one: a stage's part of the work."""
+        with self.publisher(target) as send:
+            self.receive(source, 0, passing_on(source, send))
+
     def relay(self, work: Work) -> None:
         """Pass messages on until the last one. Called only with `has_relay`."""
         raise NotImplementedError
@@ -58,6 +57,7 @@ class Peer:
         """Return the command lines of the peer's processes, subscribers first."""
         roles = [f"subscriber-{index}" for index in range(work.subscribers)]
         roles += ["relay"] if self.has_relay else []
+        roles += [f"stage-{index}" for index in reversed(range(work.stages))]
         return [worker_command(name, role, work_file) for role in (*roles, "publisher")]
 
     def clean(self, work: Work) -> None:

@@ -8,7 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.peers.peer import Peer, Send
+from tools.bench.publishing import passing_on
+from tools.bench.record import Handle
 from tools.bench.work import Work
 
 ROS = Path(__file__).parents[3] / ".venv/ros-jazzy"
@@ -26,8 +28,8 @@ class Rclpy(Peer):
 
     title = "rclpy"
     how = "rclpy 7.1 with rmw_fastrtps_cpp, reliable, depth 100"
-    topics = ("/probe", "/probe")
-    """Of the publisher, and of the subscribers."""
+    endings = ("", "")
+    """What the topics of the publisher and of the subscribers end in."""
 
     def commands(self, name: str, work: Work, work_file: Path) -> list[list[str]]:
         """Return the command lines, in ROS's interpreter."""
@@ -37,24 +39,12 @@ class Rclpy(Peer):
     def publisher(self, work: Work) -> Iterator[Send]:
         """Wait until somebody subscribes, then yield what publishes."""
         with node_of(work, "publisher") as node:
-            publisher = node.create_publisher(kind(work), self.topics[0], DEPTH)
+            publisher = node.create_publisher(kind(work), topic_of(work) + self.endings[0], DEPTH)
             deadline_s = time.monotonic() + CONNECT_LIMIT_S
-            wanted = 1 if self.has_relay else work.subscribers
+            wanted = 1 if self.has_relay or work.stages else work.subscribers
             while publisher.get_subscription_count() < wanted and time.monotonic() < deadline_s:
                 time.sleep(0.05)
-            data = array.array("B", bytes(work.size_bytes)) if work.has_array else None
-
-            def send(number: int) -> None:
-                message = kind(work)()
-                if data is None:
-                    message.data = f"{number} {time.monotonic_ns()}".ljust(TEXT_LENGTH)
-                else:
-                    stamp_ns = time.monotonic_ns()
-                    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
-                    message.encoding, message.data = str(number), data
-                publisher.publish(message)
-
-            yield send
+            yield _sender(work, publisher)
 
     def receive(self, work: Work, index: int, handle: Handle) -> None:
         """Spin until the last message."""
@@ -62,7 +52,21 @@ class Rclpy(Peer):
         with node_of(work, f"subscriber{index}") as node:
             node.create_subscription(
                 kind(work),
-                self.topics[1],
+                topic_of(work) + self.endings[1],
+                lambda message: ended.extend([True] * handle(*parts(message))),
+                DEPTH,
+            )
+            spin_until(node, ended)
+
+    def pass_on(self, source: Work, target: Work) -> None:
+        """Receive and send with the same node."""
+        ended: list[bool] = []
+        with node_of(source, f"stage{topic_of(source)[-1]}") as node:
+            publisher = node.create_publisher(kind(target), topic_of(target), DEPTH)
+            handle = passing_on(source, _sender(target, publisher))
+            node.create_subscription(
+                kind(source),
+                topic_of(source),
                 lambda message: ended.extend([True] * handle(*parts(message))),
                 DEPTH,
             )
@@ -85,9 +89,30 @@ class Rclpy(Peer):
         return "Jazzy"
 
 
+def topic_of(work: Work) -> str:
+    """Return the work's topic as ROS spells topics."""
+    return "/" + work.topic.replace("-", "_")
+
+
 def domain_of(work: Work) -> int:
-    """Return a domain that other work hardly has: the topic ends in letters that differ."""
-    return 100 + sum(work.topic.encode()) % 100
+    """Return a domain that other work hardly has: the folder's name ends in letters that differ."""
+    return 100 + sum(work.folder.name.encode()) % 100
+
+
+def _sender(work: Work, publisher: Any) -> Send:
+    data = array.array("B", bytes(work.size_bytes)) if work.has_array else None
+
+    def send(number: int) -> None:
+        message = kind(work)()
+        if data is None:
+            message.data = f"{number} {time.monotonic_ns()}".ljust(TEXT_LENGTH)
+        else:
+            stamp_ns = time.monotonic_ns()
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NS_PER_S)
+            message.encoding, message.data = str(number), data
+        publisher.publish(message)
+
+    return send
 
 
 @contextmanager

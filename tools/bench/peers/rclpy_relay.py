@@ -3,7 +3,7 @@
 import time
 from typing import Any
 
-from tools.bench.peers.rclpy import DEPTH, Rclpy, kind, node_of, parts, spin_until
+from tools.bench.peers.rclpy import DEPTH, Rclpy, kind, node_of, parts, spin_until, topic_of
 from tools.bench.work import END, Work
 
 
@@ -12,14 +12,14 @@ class RclpyRelay(Rclpy):
 
     title = "rclpy relay"
     how = f"{Rclpy.how}; a node passes on what it gets"
-    topics = ("/before", "/behind")
+    endings = ("/before", "/behind")
     has_relay = True
 
     def relay(self, work: Work) -> None:
         """Pass on until the last message."""
         ended: list[bool] = []
         with node_of(work, "relay") as node:
-            source, target = self.topics
+            source, target = (topic_of(work) + ending for ending in self.endings)
             publisher = node.create_publisher(kind(work), target, DEPTH)
 
             def on_message(message: Any) -> None:

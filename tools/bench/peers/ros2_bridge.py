@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from tools.bench.peers.rclpy import DEPTH, Rclpy, domain_of
+from tools.bench.peers.rclpy import DEPTH, Rclpy, domain_of, topic_of
 from tools.bench.work import Work
 
 MODULES = "tools.bench.ros2_modules"
@@ -30,7 +30,7 @@ class BridgedSubscriber(Rclpy):
 def profile(work: Work, work_file: Path) -> dict[str, object]:
     """Return the robot's profile."""
     taken = f"{'Image' if work.has_array else 'String'} bench depth={DEPTH}"
-    bridge = {"middleware": "dds", "domain": domain_of(work), "accept": {BridgedSubscriber.topics[0]: taken}}
+    bridge = {"middleware": "dds", "domain": domain_of(work), "accept": {topic_of(work): taken}}
     modules = {
         "subscriber": {
             "class": f"{MODULES}:RosSubscriber",

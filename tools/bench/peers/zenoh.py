@@ -8,8 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tools.bench.peers.peer import Handle, Peer, Send
+from tools.bench.peers.peer import Peer, Send
 from tools.bench.processes import remove_unmapped
+from tools.bench.record import Handle
 from tools.bench.work import Work
 
 PROBE = struct.Struct("qqdddddd")
