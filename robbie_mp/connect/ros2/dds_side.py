@@ -68,6 +68,8 @@ _SETTINGS = """<CycloneDDS><Domain>
 
 
 PADDED_TO = 4
+MAX_KEPT, KEPT_BYTES = 8, 48 << 20
+"""Most messages that a reliable publisher keeps until its readers have them, and most bytes of these."""
 LOOK_NS = 1_000_000_000
 """Time between two looks at the types of others' endpoints."""
 MAX_ENDPOINTS = 1000
@@ -91,6 +93,16 @@ def settings_of_domain(interface: str) -> str:
     multicast = f"<AllowMulticast>false</AllowMulticast>{_LARGE}" if is_local else ""
     peers = '<Peers><Peer address="127.0.0.1"/></Peers>' if is_local else ""
     return _SETTINGS.format(interface=interface, multicast=multicast, peers=peers)
+
+
+def kept_for(size: int) -> int:
+    """Return how many messages of a size, in bytes, a reliable publisher keeps until its readers have them.
+
+    If a reader misses parts of a message that is not kept any more, CycloneDDS tells it so in a GAP. Then
+    FastDDS (2.14, 3.2) does not forget the parts that it has, and reads them for ever. With a single message
+    kept, that may befall a node which is late for one image.
+    """
+    return max(1, min(MAX_KEPT, KEPT_BYTES // max(1, size)))
 
 
 class _Endpoint(NamedTuple):
@@ -265,17 +277,17 @@ class DdsSide:
 
     def send(self, channel: RosChannel, data: memoryview | bytes) -> None:
         """Send a message; the first on a channel announces a publisher."""
-        self.announce(channel)
+        self.announce(channel, len(data))
         self._write(self._writers[channel], data)
 
-    def announce(self, channel: RosChannel) -> None:
-        """Announce a publisher before it has anything to send."""
+    def announce(self, channel: RosChannel, size: int = 0) -> None:
+        """Announce a publisher before it has anything to send; `size`: that of its messages, in bytes."""
         if channel not in self._writers:
             topic, message_type = self._topic(channel)
             self._offered[f"rt{channel.name}"] = channel
             quality = channel.quality
             self._writers[channel] = self._writer(
-                topic, quality.is_reliable, quality.is_latched, quality.depth, message_type
+                topic, quality.is_reliable, quality.is_latched, quality.depth, message_type, kept_for(size)
             )
             self._tell()
 
@@ -453,10 +465,11 @@ class DdsSide:
         is_latched: bool,
         depth: int,
         message_type: type[Message],
+        kept: int = 1,
     ) -> Any:
         from cyclonedds.pub import DataWriter  # noqa: PLC0415
 
-        policies = self._quality(is_reliable, is_latched, depth, message_type)
+        policies = self._quality(is_reliable, is_latched, depth, message_type, kept)
         return DataWriter(self._participant, topic, policies)
 
     def _quality(
@@ -465,18 +478,18 @@ class DdsSide:
         is_latched: bool,
         depth: int,
         message_type: type[Message],
+        kept: int = 1,
     ) -> Any:
         from cyclonedds.core import Policy, Qos  # noqa: PLC0415
 
         # 0: a write does not wait for slow readers.
         reliability = Policy.Reliability.Reliable(0) if is_reliable else Policy.Reliability.BestEffort
         durability = Policy.Durability.TransientLocal if is_latched else Policy.Durability.Volatile
-        kept = Policy.History.KeepLast(depth)
         return Qos(
             reliability,
             durability,
-            kept,
-            Policy.DurabilityService(0, kept, -1, -1, -1),
+            Policy.History.KeepLast(max(depth, kept if is_reliable else 1)),
+            Policy.DurabilityService(0, Policy.History.KeepLast(depth), -1, -1, -1),
             Policy.DataRepresentation(use_cdrv0_representation=True),
             Policy.IgnoreLocal.Participant,
             Policy.Userdata(f"typehash={type_hash(message_type)};".encode()),

@@ -4,6 +4,7 @@ import os
 from contextlib import closing
 from typing import Any
 
+import numpy as np
 import pytest
 
 from robbie_mp import Message, ModuleHarness, float64, uint8
@@ -13,10 +14,11 @@ from robbie_mp.connect.ros2.idl_types import raw_type
 from robbie_mp.connect.ros2.module import Ros2Bridge
 from robbie_mp.connect.ros2.padding import unpadded
 from robbie_mp.connect.ros2.rtps import wire
+from robbie_mp.connect.ros2.rtps.endpoints import ReliableReader
 from robbie_mp.connect.ros2.rtps.participant import Participant
 from robbie_mp.connect.ros2.side import Ros2Unavailable
 from robbie_mp.connect.ros2.type_hash import type_hash
-from robbie_mp.messages import DecodeError, String
+from robbie_mp.messages import DecodeError, Image, String
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.messages.stock.registry import stock_registry
 from tests.connect.ros2._support.ros_nodes import until
@@ -73,6 +75,43 @@ def test_publisher_that_cyclonedds_ignores_is_named_until_it_goes_also_after_man
             other.add_writer("rt/text", "std_msgs::msg::dds_::String_", b"")
             until(bridge, lambda: "CycloneDDS ignores a publisher of /text" in bridge.module.degraded)
         until(bridge, lambda: not bridge.module.degraded)
+
+
+@pytest.mark.slow
+def test_reader_that_is_late_for_large_messages_gets_them_and_no_gap(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    gaps: list[int] = []
+    monkeypatch.setattr(ReliableReader, "on_gap", lambda _self, _writer, start, *_: gaps.append(start))
+    settings = {**SETTINGS, "send": {"Image": "/image depth=1"}, "parameters": "none"}
+    with (
+        ModuleHarness(Ros2Bridge, settings) as bridge,
+        closing(Participant(SETTINGS["domain"], "lo", lambda one: one == "rt/image")) as peer,
+    ):
+        got: list[int] = []
+        kind, told = "sensor_msgs::msg::dds_::Image_", f"typehash={type_hash(Image)};".encode()
+        reader = peer.add_reader("rt/image", kind, told, lambda one: got.append(one.sequence), 1 << 24)
+        bridge.send(_image())
+        until(bridge, lambda: reader.writers)
+
+        def has_come() -> bool:
+            bridge.send(_image())
+            return bool(got)
+
+        until(bridge, has_come)
+        first = got[0]
+        with monkeypatch.context() as busy:
+            busy.setattr(reader, "on_sample", lambda _: None)
+            busy.setattr(reader, "on_heartbeat", lambda *_: None)
+            for _ in range(4):
+                bridge.send(_image())
+        until(bridge, lambda: len(got) >= 5)
+        assert got[:5] == [*range(first, first + 5)]
+        assert not [one for one in gaps if one > first]
+
+
+def _image() -> Image:
+    return Image(height=100, width=500, step=1500, encoding="rgb8", data=np.zeros(150_000, np.uint8))
 
 
 class OldGas(Message, name="nose_msgs/msg/Gas"):

@@ -17,6 +17,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from robbie_mp import Module, ModuleHarness, Reply, Request, setting
 from robbie_mp.connect.ros2.module import Ros2Bridge
+from robbie_mp.connect.ros2.rtps import wire
+from robbie_mp.connect.ros2.rtps.participant import Participant
 from robbie_mp.connect.ros2.type_hash import type_hash
 from robbie_mp.messages import (
     CancelNavigation,
@@ -38,7 +40,7 @@ from robbie_mp.messages.stock.registry import stock_registry
 from robbie_mp.module.calls.peers import service_topic
 from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
 from tests._support.places import PROJECT
-from tests._support.robot import LIMIT_S
+from tests._support.robot import LIMIT_S, wait_until
 from tests.connect.ros2._support.ros_nodes import DISTRIBUTIONS, RosNode, ros_node, until
 
 pytestmark = [pytest.mark.slow, pytest.mark.every_turn]
@@ -256,6 +258,51 @@ def test_large_image_and_long_path_return_from_a_node_unchanged(ros: Ros) -> Non
     path = Path(poses=[PoseStamped(header=Header(frame_id="map")) for _ in range(1000)])
     sent: dict[str, Message] = {topics[Image]: image, topics[Path]: path}
     wait_until_returned(ros.bridge, sent)
+
+
+LOOK_LATE = """
+import threading
+from sensor_msgs.msg import Image
+is_free = threading.Event()
+def on_image(image):
+    got["sizes"].append(len(image.data))
+    is_free.wait(60.0)
+node.create_subscription(Image, "/late", on_image, 1)
+"""
+
+
+@pytest.mark.timeout(120)
+def test_busy_node_goes_on_when_a_message_of_which_it_has_parts_is_gone(ros: Ros) -> None:
+    """A GAP for that message would make FastDDS read for ever what it has of it."""
+    node, image = ros.node, Image(height=100, width=600, step=1800, data=np.zeros(180_000, np.uint8)).encode()
+    peer = Participant(ros.bridge.module.domain, "lo", lambda topic: topic == "rt/late")
+    told = f"typehash={type_hash(Image)};".encode()
+    writer = peer.add_writer("rt/late", "sensor_msgs::msg::dds_::Image_", told)
+    writer.kept = 1
+    node.run(LOOK_LATE)
+    wait_until(lambda: bool(writer.readers))
+    (reader,) = writer.readers
+    send = writer.send
+
+    def send_no_data(to: bytes, parts: list[bytes]) -> None:
+        send(to, [one for one in parts if one[0] not in (wire.DATA, wire.DATA_FRAG)])
+
+    writer.write(image)
+    wait_until(lambda: node.run("result = got['sizes']") == [180_000])
+    writer.write(image)  # it waits: the node is busy with the first one
+    wait_until(lambda: writer.readers[reader].acknowledged == 2)
+    with peer.lock:
+        writer.send = lambda to, parts: send(to, parts[:1])
+        writer.write(image)
+        writer.send = lambda _to, _parts: None
+        writer.write(image)  # the third one is not kept any more
+        writer.send = send_no_data
+        writer.on_acknack(reader, 3, [3])
+    wait_until(lambda: writer.readers[reader].acknowledged == 3)
+    node.run("is_free.set()")
+    writer.send = send
+    wait_until(lambda: len(node.run("result = got['sizes']")) > 1)
+    peer.close()
 
 
 def asked_of_the_robot(bridge: ModuleHarness[Ros2Bridge]) -> list[Any]:

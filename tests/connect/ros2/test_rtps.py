@@ -114,6 +114,19 @@ def test_one_small_question_is_not_answered_with_all_that_is_kept() -> None:
     assert writer.withheld > 150
 
 
+def test_heartbeat_says_which_messages_are_not_kept_any_more() -> None:
+    sent: list[bytes] = []
+    writer = ReliableWriter(WRITER, lambda _to, parts: sent.extend(parts), kept=1)
+    writer.match(BOB + READER)
+    for _ in range(3):
+        writer.write(bytes(2 * wire.FRAGMENT_BYTES))
+    sent.clear()
+    writer.on_acknack(BOB + READER, 1, [1, 2])
+    (answer,) = wire.submessages(wire.datagram(ALICE, BOB, sent), BOB)
+    assert answer.kind == wire.HEARTBEAT, "a GAP would hang FastDDS, if it has parts of these messages"
+    assert wire.heartbeat_of(answer)[2:] == (3, 3)
+
+
 def test_parts_of_messages_and_numbers_far_ahead_take_little_memory() -> None:
     taken: list[wire.Sample] = []
     reader = ReliableReader(READER, lambda *_: None, taken.append, max_bytes=1000)
