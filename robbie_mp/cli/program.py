@@ -97,6 +97,8 @@ def _of_place(error: OSError) -> str:
         Path.cwd()
     except OSError:
         return "the working directory does not exist any more; change to one that exists"
+    if isinstance(error, FileExistsError):
+        return f"{error.filename} is in the place of a folder; move it away"
     return f"{error.filename}: {error.strerror}" if error.filename else f"the system refused: {error}"
 
 

@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable
+from types import FunctionType
 
 from robbie_mp.base.errors import RobbieError
 
@@ -59,7 +60,7 @@ def _takes(handler: Callable[..., object], count: int) -> bool:
     try:
         inspect.signature(handler).bind(*[None] * count)
     except ValueError:
-        return True
+        return not isinstance(getattr(handler, "__func__", None), FunctionType)  # a method without `self`
     except TypeError:
         return False
     return True

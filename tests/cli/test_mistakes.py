@@ -149,6 +149,19 @@ CODE = {
         "class M(Module):\n    def setup(self, robot): pass",
         "6: setup is called with no argument; write `def setup(self)`",
     ),
+    "setup_of_nothing": (
+        "class M(Module):\n    def setup(): pass",
+        "6: setup is called with no argument; write",
+    ),
+    "handler_of_nothing": (
+        "class M(Module):\n    def setup(self): self.subscribe(LaserScan, self.on_scan)\n"
+        "    def on_scan(): pass",
+        "6: subscribe: on_scan is called with one argument; write `def on_scan(self, message: LaserScan)`",
+    ),
+    "setting_alone": (
+        "class M(Module):\n    rate: float = setting(1.0)",
+        "6: TypeError: setting() missing 1 required positional argument: 'description'",
+    ),
     "text_as_period": (
         "class M(Module):\n    def tick(self): pass\n    period_s = '20ms'",
         "7: M.period_s is '20ms'; it must be greater than 0, at most 1e9, in s, or None for a module that",
@@ -229,6 +242,7 @@ COMMANDS = {
     "run robt": (2, "there is no profile 'robt'; did you mean 'robot'?"),
     "run robot.yaml": (2, "there is no file robot.yaml; did you mean `robbie run robot`?"),
     "run profiles/robot": (2, "there is no profile 'profiles/robot'; did you mean 'robot'?"),
+    "run folder": (2, "there is no profile 'folder'; did you mean 'code'?"),
     "run robot --witout sensor": (2, "arguments: --witout sensor; did you mean '--without'"),
     "run robot --set nope=1": (2, "--set nope: expected MODULE.SETTING=VALUE"),
     "run robot --set sensr.period_s=1": (2, "--set sensr.*: there is no module 'sensr'"),
@@ -274,6 +288,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.chdir(folder.parent)
         assert main(["new", "bot"]) == 0
     (folder / "notes.txt").write_text("hello\n")
+    (folder / "profiles" / "folder.yaml").mkdir()
     for name, (code, _) in CODE.items():
         (folder / "modules" / f"{name}.py").write_text(f"{HEAD}{code}\n")
     classes = {name: f"modules.{name}:M" for name in CODE} | {

@@ -7,6 +7,7 @@ import sys
 import traceback
 from collections.abc import Iterator
 
+import robbie_mp
 from robbie_mp import messages
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.suggest import did_you_mean
@@ -30,7 +31,7 @@ def import_flaw(error: BaseException) -> CodeFlaw | None:
         line = f" in `{error.text.strip()}`" if error.text else ""
         return CodeFlaw(error.filename, error.lineno or 0, f"{type(error).__name__}: {error.msg}{line}")
     frames = [one for one in traceback.extract_tb(error.__traceback__) if is_of_author(one.filename)]
-    if not frames or not (isinstance(error, MISTAKES) or _misses_a_name(error)):
+    if not frames or not (isinstance(error, MISTAKES) or _misses_a_name(error) or _misuses_ours(error)):
         return None
     text = f"{type(error).__name__}: {error}".split(" (/")[0] + _nearest(error)
     return CodeFlaw(frames[-1].filename, frames[-1].lineno or 0, text)
@@ -40,6 +41,12 @@ def _misses_a_name(error: BaseException) -> bool:
     """Whether an import wants a name that a file of the workspace or of Robbie-MP does not have."""
     roots = (OURS, os.path.abspath(sys.path[0]))
     return type(error) is ImportError and (error.path or "").startswith(roots)
+
+
+def _misuses_ours(error: BaseException) -> bool:
+    """Whether an import calls a function or class of Robbie-MP with wrong arguments, as in `setting(1.0)`."""
+    called = re.match(r"(\w+)(\.\w+)*\(\) ", str(error))
+    return isinstance(error, TypeError) and called is not None and called[1] in robbie_mp.__all__
 
 
 def _nearest(error: BaseException) -> str:

@@ -11,6 +11,7 @@ as FAILED with its traceback.
 
 import os
 import re
+import sys
 import threading
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
@@ -26,6 +27,8 @@ from robbie_mp.run.profile.model import BLACK_BOX, ModuleSpec, Profile
 
 BASE_CLASS = "robbie_mp:Module"
 OWN_CODE = "robbie_mp."
+HIDEABLE = sys.stdlib_module_names | {"numpy", "robbie_mp", "yaml"}
+"""The modules that Robbie-MP may import, or have imported."""
 
 
 @dataclass
@@ -79,6 +82,8 @@ def preflight(
             every mistake in the code that can be seen without running it.
         PreflightError: The checking process failed.
     """
+    if hiding := list(_hiding(profile.workspace)):
+        raise ProfileError(hiding)  # the checking process could not start either
     findings = Preflight()
     problems: list[Problem] = []
     flaws: dict[Problem, None] = {}
@@ -105,6 +110,16 @@ def preflight(
     if problems or flaws:
         raise ProfileError([*problems, *flaws])
     return findings
+
+
+def _hiding(workspace: Path) -> Iterator[Problem]:
+    """Find files of a workspace that the robot's processes would import in place of Python's or ours."""
+    for name in sorted(HIDEABLE.intersection(sys.modules)):
+        file = getattr(sys.modules[name].__spec__, "origin", None) or ""
+        for own in (workspace / f"{name}.py", workspace / name / "__init__.py"):
+            if os.path.isabs(file) and own.is_file() and not own.samefile(file):
+                text = f"hides the module {name}, which Robbie-MP imports; rename it"
+                yield Problem(text, SourcePlace(own, 1))
 
 
 def runnable(profile: Profile, findings: Preflight) -> Profile:

@@ -78,7 +78,7 @@ def _near(name: str, known: list[str]) -> str:
 
 def _names_in(folder: Path) -> list[str]:
     files = folder.rglob("*" + SUFFIX)
-    return sorted(file.relative_to(folder).with_suffix("").as_posix() for file in files)
+    return sorted(file.relative_to(folder).with_suffix("").as_posix() for file in files if file.is_file())
 
 
 def enclosing_workspace(start: Path) -> Path | None:

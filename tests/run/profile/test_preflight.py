@@ -224,6 +224,18 @@ def test_mistake_in_a_file_of_two_modules_is_reported_once_and_no_module_starts(
     assert robot.preflight_problems() == ["mods/bad.py:1: SyntaxError: invalid syntax in `def`"]
 
 
+@pytest.mark.parametrize("file", ["logging.py", "robbie_mp.py", "random/__init__.py"])
+def test_file_that_hides_a_module_which_the_processes_need_is_refused(robot: Robot, file: str) -> None:
+    write_class(robot, "base_of_modules:Plain")
+    robot.write_code("this", "")  # nothing that Robbie-MP imports
+    robot.preflight()
+    path = robot.root / file
+    path.parent.mkdir(exist_ok=True)
+    path.touch()
+    (problem,) = robot.preflight_problems()
+    assert problem.startswith(f"{file}:1: hides the module ") and problem.endswith("; rename it")
+
+
 def test_constructors_and_methods_made_in_other_ways_are_no_mistakes(robot: Robot) -> None:
     robot.write_code(
         "mods.good",

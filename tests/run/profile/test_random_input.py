@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from robbie_mp.base.problem import ProfileError, SourcePlace
@@ -128,6 +128,7 @@ def test_merging_agrees_with_its_definition(base: dict[str, object], over: dict[
 @example({"${a}": "${a}"})
 @example(["$${", "$${a}", {"a${b}": "$$${b} ${${c}} ${"}])
 def test_shown_value_is_read_back_as_it_was(value: object) -> None:
+    assume("'if'" not in repr(value))  # a map with this key may be left out
     try:
         shown = read_text(f"modules: {{x: {inline(value)}}}", Path("p.yaml"))
         profile = resolve(shown).tree.plain()
