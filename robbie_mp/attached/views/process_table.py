@@ -230,6 +230,7 @@ MODULE_COLUMNS: tuple[ModuleColumn, ...] = (
         lambda row: row.figures.hot_path,
         is_text=True,
     ),
+    _rate("wake/s", "wakeups_hz"),
     _of("thr", lambda module: module.threads),
     _of("pid", lambda module: module.pid),
     ModuleColumn(

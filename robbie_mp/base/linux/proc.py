@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from typing_extensions import Self
 
@@ -105,7 +106,7 @@ def is_traced(pid: int) -> bool:
         return False
 
 
-_USAGE = re.compile(rb"^(VmRSS|RssShmem|Threads):\s*(\d+)", re.MULTILINE)
+_USAGE = re.compile(rb"^(VmRSS|RssShmem|Threads|voluntary_ctxt_switches):\s*(\d+)", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -119,24 +120,34 @@ class ProcessUsage:
     shared_bytes: int = 0
     """Shared memory, as part of `rss_bytes`."""
     threads: int = 0
+    wakeups: int = 0
+    """How often its threads have waited for something, and were woken."""
 
 
 def read_usage(pid: int) -> ProcessUsage:
     """Return the resource usage of a process."""
     stat = read_stat(pid)
-    try:
-        with open(f"/proc/{pid}/status", "rb") as file:
-            found = dict(_USAGE.findall(file.read()))
-    except OSError:
-        found = {}
+    found = _read_status(f"/proc/{pid}/status")
     if stat is None or not found:
         return ProcessUsage()
+    statuses = [found]
+    if found[b"Threads"] != b"1":  # the process's own status has the wake-ups of its main thread
+        statuses = [_read_status(str(file)) for file in Path(f"/proc/{pid}/task").glob("*/status")]
     return ProcessUsage(
         cpu_s=stat.cpu_ticks / os.sysconf("SC_CLK_TCK"),
         rss_bytes=int(found.get(b"VmRSS", 0)) << 10,  # a zombie has none
         shared_bytes=int(found.get(b"RssShmem", 0)) << 10,
         threads=int(found[b"Threads"]),
+        wakeups=sum(int(status.get(b"voluntary_ctxt_switches", 0)) for status in statuses),
     )
+
+
+def _read_status(file: str) -> dict[bytes, bytes]:
+    try:
+        with open(file, "rb") as opened:
+            return dict(_USAGE.findall(opened.read()))
+    except OSError:
+        return {}
 
 
 def processes() -> Iterator[ProcessStat]:

@@ -103,6 +103,8 @@ class ModuleFigures:
     shared_bytes: int
     """The part of it that is shared memory, such as other modules' messages."""
     threads: int
+    wakeups: int
+    """How often the threads of this incarnation have waited, and were woken."""
     published: int
     """Messages handed to the core."""
     refused: int

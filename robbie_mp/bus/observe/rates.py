@@ -22,6 +22,7 @@ class ModuleRates:
     overflowed_hz: float
     """Messages dropped because the queue was full."""
     tick_hz: float
+    wakeups_hz: float
     latency: Distribution
     handler: Distribution
     lateness: Distribution
@@ -107,6 +108,7 @@ def _module_rates(
         replaced_hz=max(0, now.total("replaced") - before.total("replaced")) / interval_s,
         overflowed_hz=max(0, now.total("overflowed") - before.total("overflowed")) / interval_s,
         tick_hz=rate("ticks") if is_same else now.ticks / interval_s,
+        wakeups_hz=rate("wakeups") if is_same else now.wakeups / interval_s,
         latency=_times("latency", long_before, now),
         handler=_times("handler", long_before, now),
         lateness=_times("lateness", long_before, now),

@@ -262,6 +262,7 @@ class RunObserver:
             rss_bytes=usage.rss_bytes,
             shared_bytes=usage.shared_bytes,
             threads=usage.threads,
+            wakeups=usage.wakeups,
             published=row.past.published + own[layout.OUT_PUBLISHED],
             refused=row.past.refused + own[layout.OUT_REFUSED] + core_refused,
             handled=row.past.handled + own[layout.OUT_HANDLED],

@@ -4,12 +4,13 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
 
 from robbie_mp.base.linux import proc
-from robbie_mp.base.linux.proc import own_children
+from robbie_mp.base.linux.proc import own_children, read_usage
 from tests.run.supervisor._support.running import is_gone, wait_for
 
 COMMAND = [sys.executable, "-S", "-E", "-c", "import sys; sys.stdin.read()"]
@@ -63,3 +64,22 @@ def test_no_file_is_left_open() -> None:
     before = set(Path("/proc/self/fd").iterdir())
     own_children()
     assert set(Path("/proc/self/fd").iterdir()) == before
+
+
+def test_wakeups_of_every_thread_count() -> None:
+    def wait_often() -> None:
+        for _ in range(50):
+            time.sleep(0.001)
+        has_waited.set()
+        may_end.wait()
+
+    has_waited, may_end = threading.Event(), threading.Event()
+    before = read_usage(os.getpid()).wakeups
+    thread = threading.Thread(target=wait_often)
+    thread.start()
+    try:
+        has_waited.wait()  # this thread waits once
+        assert read_usage(os.getpid()).wakeups >= before + 50
+    finally:
+        may_end.set()
+        thread.join()
