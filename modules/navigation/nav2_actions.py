@@ -1,6 +1,6 @@
 """Nav2's actions, with which RViz's Nav2 panel and `ros2 action send_goal` drive the robot."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
@@ -43,8 +43,18 @@ from robbie_mp.messages.stock.nav2_msgs import (
     NavigatingThroughPoses,
     NavigatingToPose,
 )
+from robbie_robots.modules.navigation.nav2_types import (
+    KiltedFollowedWaypoints,
+    KiltedFollowingWaypoints,
+    KiltedFollowWaypoints,
+    KiltedNavigatedThroughPoses,
+    KiltedNavigateThroughPoses,
+    KiltedNavigatingThroughPoses,
+    WaypointStatus,
+)
 from robbie_robots.workers.navigation.navigator_states import RECOVERIES
 
+THROUGH_POSES = (NavigateThroughPoses, KiltedNavigateThroughPoses)
 RECOVERY_NAMES = frozenset(one.name for one in RECOVERIES)
 TASK_EXECUTOR_FAILED = 601
 """Nav2's number for a waypoint that was not reached."""
@@ -55,7 +65,11 @@ MAX_MISSED = 1000
 
 ToPose = ActiveGoal[NavigateToPose, NavigatingToPose, NavigatedToPose]
 ThroughPoses = ActiveGoal[NavigateThroughPoses, NavigatingThroughPoses, NavigatedThroughPoses]
+KiltedThroughPoses = ActiveGoal[
+    KiltedNavigateThroughPoses, KiltedNavigatingThroughPoses, KiltedNavigatedThroughPoses
+]
 Waypoints = ActiveGoal[FollowWaypoints, FollowingWaypoints, FollowedWaypoints]
+KiltedWaypoints = ActiveGoal[KiltedFollowWaypoints, KiltedFollowingWaypoints, KiltedFollowedWaypoints]
 
 
 class NavigationActive(Reply, name="robbie_msgs/srv/IsNavigationActive_Response"):
@@ -79,7 +93,8 @@ class _Drive:
     index: int = 0
     """Index of the pose among several; `loops_left` and `missed` are of waypoints."""
     loops_left: int = 0
-    missed: list[MissedWaypoint] = field(default_factory=list)
+    missed: list[tuple[int, PoseStamped, str]] = field(default_factory=list)
+    """Index and pose of each waypoint that was not reached, and the reason."""
 
 
 class Nav2Actions(Module):
@@ -107,6 +122,8 @@ class Nav2Actions(Module):
         self.serve_goals(NavigateToPose, self.on_pose_goal, self.on_cancel)
         self.serve_goals(NavigateThroughPoses, self.on_through_poses, self.on_cancel)
         self.serve_goals(FollowWaypoints, self.on_waypoints, self.on_cancel)
+        self.serve_goals(KiltedNavigateThroughPoses, self.on_through_poses, self.on_cancel)
+        self.serve_goals(KiltedFollowWaypoints, self.on_waypoints, self.on_cancel)
         self.serve(IsNavigationActive, self.on_question)
         if self.restored is not None:
             self.ending = self.every(END_EVERY_S, self.end_earlier_goals)
@@ -149,13 +166,14 @@ class Nav2Actions(Module):
 
         self._drive_to(drive, active.goal.pose, on_result, lambda error: self._end(drive, error), on_feedback)
 
-    def on_through_poses(self, active: ThroughPoses) -> None:
+    def on_through_poses(self, active: ThroughPoses | KiltedThroughPoses) -> None:
         """Drive to the first pose."""
-        if not 0 < len(active.goal.poses) <= MAX_POSES:
-            raise CallRefused(f"the goal has {len(active.goal.poses)} poses, not 1 to {MAX_POSES}")
+        poses = poses_of(active.goal)
+        if not 0 < len(poses) <= MAX_POSES:
+            raise CallRefused(f"the goal has {len(poses)} poses, not 1 to {MAX_POSES}")
         self._drive_to_next(self._begin(active))
 
-    def on_waypoints(self, active: Waypoints) -> None:
+    def on_waypoints(self, active: Waypoints | KiltedWaypoints) -> None:
         """Drive to the first waypoint."""
         goal = active.goal
         if goal.goal_index >= len(goal.poses):
@@ -235,10 +253,12 @@ class Nav2Actions(Module):
 
     def _drive_to_next(self, drive: _Drive) -> None:
         """Drive to the next waypoint, or the next pose of several."""
-        pose = drive.active.goal.poses[drive.index]
-        is_through = isinstance(drive.active.goal, NavigateThroughPoses)
-        if not is_through:
+        goal = drive.active.goal
+        pose, is_through = poses_of(goal)[drive.index], isinstance(goal, THROUGH_POSES)
+        if isinstance(goal, FollowWaypoints):
             drive.active.feedback(FollowingWaypoints(current_waypoint=drive.index))
+        elif not is_through:
+            drive.active.feedback(KiltedFollowingWaypoints(current_waypoint=drive.index))
 
         def on_error(error: CallError) -> None:
             is_missed = not is_through and isinstance(error, GoalAborted | CallRefused)
@@ -246,8 +266,7 @@ class Nav2Actions(Module):
                 self._end(drive, error)
                 return
             self.log.warning("waypoint %d was not reached: %s", drive.index, error)
-            missed = MissedWaypoint(index=drive.index, goal=pose, error_code=TASK_EXECUTOR_FAILED)
-            drive.missed = [*drive.missed, missed][:MAX_MISSED]
+            drive.missed = [*drive.missed, (drive.index, pose, str(error))][:MAX_MISSED]
             self._go_on(drive)
 
         on_feedback = partial(self._tell_through, drive) if is_through else None
@@ -255,26 +274,78 @@ class Nav2Actions(Module):
 
     def _tell_through(self, drive: _Drive, feedback: NavigationFeedback) -> None:
         """Report the distance left: along the path to the next pose, and in straight lines after it."""
-        legs = drive.active.goal.poses[drive.index :]
+        poses = poses_of(drive.active.goal)
+        legs = poses[drive.index :]
         beyond_m = sum(distance_m(one, other) for one, other in pairwise(legs))
-        progress = self._progress(drive, feedback, beyond_m)
-        drive.active.feedback(NavigatingThroughPoses(**progress, number_of_poses_remaining=len(legs)))
+        progress = self._progress(drive, feedback, beyond_m) | {"number_of_poses_remaining": len(legs)}
+        if isinstance(drive.active.goal, NavigateThroughPoses):
+            drive.active.feedback(NavigatingThroughPoses(**progress))
+        else:
+            statuses = waypoint_statuses(poses, drive.index)
+            drive.active.feedback(KiltedNavigatingThroughPoses(**progress, waypoint_statuses=statuses))
 
     def _go_on(self, drive: _Drive) -> None:
         """Drive to the next waypoint or pose, if there is one."""
         if not drive.active.is_active:
             return
         drive.index += 1
-        if drive.index == len(drive.active.goal.poses) and drive.loops_left:
+        poses = poses_of(drive.active.goal)
+        if drive.index == len(poses) and drive.loops_left:
             drive.index, drive.loops_left = 0, drive.loops_left - 1
-        if drive.index < len(drive.active.goal.poses):
+        if drive.index < len(poses):
             self._drive_to_next(drive)
             return
         self._forget(drive)
-        if isinstance(drive.active.goal, NavigateThroughPoses):
-            drive.active.succeed(NavigatedThroughPoses())
-        else:
-            drive.active.succeed(FollowedWaypoints(missed_waypoints=drive.missed))
+        drive.active.succeed(_result(drive, poses))
+
+
+def poses_of(goal: Any) -> list[PoseStamped]:
+    """Return the poses of a goal with several, of any distribution of ROS."""
+    poses: list[PoseStamped] = (
+        goal.poses.goals if isinstance(goal, KiltedNavigateThroughPoses) else goal.poses
+    )
+    return poses
+
+
+def waypoint_statuses(poses: Sequence[PoseStamped], done: int) -> list[WaypointStatus]:
+    """Return what became of poses to drive through.
+
+    Args:
+        poses: the poses.
+        done: how many of them the robot has been at.
+    """
+    told = (WaypointStatus.PENDING, WaypointStatus.COMPLETED)
+    return [
+        WaypointStatus(waypoint_status=told[index < done], waypoint_index=index, waypoint_pose=pose)
+        for index, pose in enumerate(poses)
+    ]
+
+
+def _result(drive: _Drive, poses: Sequence[PoseStamped]) -> Any:
+    """Return the result of a goal with several poses that has succeeded."""
+    match drive.active.goal:
+        case NavigateThroughPoses():
+            return NavigatedThroughPoses()
+        case KiltedNavigateThroughPoses():
+            return KiltedNavigatedThroughPoses(waypoint_statuses=waypoint_statuses(poses, len(poses)))
+        case FollowWaypoints():
+            missed = [
+                MissedWaypoint(index=index, goal=pose, error_code=TASK_EXECUTOR_FAILED)
+                for index, pose, _ in drive.missed
+            ]
+            return FollowedWaypoints(missed_waypoints=missed)
+    return KiltedFollowedWaypoints(
+        missed_waypoints=[
+            WaypointStatus(
+                waypoint_status=WaypointStatus.FAILED,
+                waypoint_index=index,
+                waypoint_pose=pose,
+                error_code=TASK_EXECUTOR_FAILED,
+                error_msg=reason,
+            )
+            for index, pose, reason in drive.missed
+        ]
+    )
 
 
 def distance_m(one: PoseStamped, other: PoseStamped) -> float:

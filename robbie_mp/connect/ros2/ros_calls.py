@@ -7,9 +7,14 @@ The setting `calls` names each: its name in ROS, the robot's type of its request
       /arm/left/home: "Home left"
       /navigate_to_pose: "nav2_msgs/action/NavigateToPose"
 
-The setting `actions` has the same form. It names actions of the robot that nodes of ROS send goals to.
+The setting `actions` has the same form. It names actions of the robot that nodes of ROS send goals to. One
+whose type has another name in ROS has that after `as`:
+
+    actions:
+      /spin: "KiltedSpin as nav2_msgs/action/Spin"
 """
 
+import re
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
@@ -35,6 +40,8 @@ from robbie_mp.module.calls.server import LaterReply
 from robbie_mp.module.module import Module, calls_of
 
 _Read = TypeVar("_Read")
+_AS = re.compile(r" as (\w+/action/\w+)(?= |$)")
+"""Names the type that an action has in ROS."""
 
 
 class RosCall(NamedTuple):
@@ -88,7 +95,7 @@ def check_calls(lines: Mapping[str, str], setting: str) -> None:
     problems = [
         f"{name!r}: expected a name such as '/slam/save', and a type with or without a topic; got {text!r}"
         for name, text in lines.items()
-        if not NAME.fullmatch(name) or len(text.split()) not in (1, 2)
+        if not NAME.fullmatch(name) or len(_AS.sub("", text, count=1).split()) not in (1, 2)
     ]
     if len(lines) > MAX_ACCEPTED:
         problems.append(f"`{setting}` has more than {MAX_ACCEPTED} names")
@@ -145,13 +152,17 @@ def _call_or_action(name: str, type_name: str, topic: str, types: KnownTypes) ->
     return RosCall(name, topic, requests, replies, service)
 
 
-def _action(name: str, type_name: str, topic: str, types: KnownTypes) -> SharedAction:
+def _action(name: str, type_name: str, rest: str, types: KnownTypes) -> SharedAction:
     full = types.find_request(type_name)
     if not full.endswith(GOAL_SUFFIX):
         raise MappingError(f"{type_name} is a service; `services` offers those")
     short = full.removesuffix(GOAL_SUFFIX)
     kinds = types.get(full), types.get(f"{short}{FEEDBACK_SUFFIX}"), types.get(f"{short}{RESULT_SUFFIX}")
-    return SharedAction(name, topic, *kinds, action_type(short, *map(ros_type, kinds)))
+    renamed = _AS.match(f" {rest}")
+    in_ros, topic = (renamed[1], _AS.sub("", f" {rest}", count=1).strip()) if renamed else (short, rest)
+    suffixes = GOAL_SUFFIX, FEEDBACK_SUFFIX, RESULT_SUFFIX
+    there = (ros_type(kind, in_ros + suffix) for kind, suffix in zip(kinds, suffixes, strict=True))
+    return SharedAction(name, topic, *kinds, action_type(in_ros, *there))
 
 
 class RosCalls:

@@ -62,15 +62,17 @@ def service_type(name: str, definition: str, **nested: str) -> ServiceType:
     return ServiceType(name, request, response, service_hash(name, request, response))
 
 
-def ros_type(message_type: type[Message]) -> type[Message]:
+def ros_type(message_type: type[Message], name: str = "") -> type[Message]:
     """Return the type that the robot's requests, goals and the like have in ROS.
 
     Args:
         message_type: the robot's class, with a field `call`.
+        name: its name in ROS; "": the same.
     """
     text = schema_text(message_type).replace(_CALL_LINE, "", 1)
     has_others = len(fields_of(message_type)) > 1
-    return message_type_from_schema(message_type.type_name, text if has_others else f"uint8 {FILLER}\n{text}")
+    text = text if has_others else f"uint8 {FILLER}\n{text}"
+    return message_type_from_schema(name or message_type.type_name, text)
 
 
 def fields_without_call(message: Message) -> dict[str, Any]:

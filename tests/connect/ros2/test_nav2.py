@@ -1,9 +1,10 @@
 """Nav2's actions of a stock robot, driven by action clients of rclpy; see `make ros`.
 
-There are no wheels of nav2_msgs, so the test builds its actions from these definitions.
-The robot has those of Jazzy.
+There are no wheels of nav2_msgs, so the test builds its actions from these definitions of Jazzy and Kilted.
 """
 
+import json
+import math
 import os
 import subprocess
 from collections.abc import Iterator
@@ -24,15 +25,14 @@ modules:
   nav2:
     class: robbie_robots.modules.navigation.nav2_actions:Nav2Actions
     settings: {stops_on_missed: false}
+  behaviors:
+    class: robbie_robots.modules.navigation.nav2_behaviors:Nav2Behaviors
   ros2:
     class: robbie_mp.connect.ros2.module:Ros2Bridge
     settings:
       middleware: dds
       domain: DOMAIN
-      actions:
-        /navigate_to_pose: NavigateToPose
-        /navigate_through_poses: NavigateThroughPoses
-        /follow_waypoints: FollowWaypoints
+      actions: ACTIONS
       services: {/lifecycle_manager_navigation/is_active: IsNavigationActive}
 """
 TO_POSE = "action/NavigateToPose.action"
@@ -64,8 +64,33 @@ int16 number_of_recoveries
 float32 distance_remaining
 int16 number_of_poses_remaining
 {statuses}"""
+TOLD = """
+builtin_interfaces/Duration total_elapsed_time
+uint16 error_code
+string error_msg
+---
+"""
+ALLOWED = "builtin_interfaces/Duration time_allowance\n"
+UNCHECKED = "bool disable_collision_checks False\n"
+SPIN = "float32 target_yaw\n" + ALLOWED
+STRAIGHT = "geometry_msgs/Point target\nfloat32 speed\n" + ALLOWED
+WAIT = f"builtin_interfaces/Duration time\n---{TOLD}builtin_interfaces/Duration time_left\n"
+
+
+def behaviors(more: str) -> dict[str, str]:
+    """Return the definitions of Nav2's behaviors, with a further field of the goals of all but one."""
+    turned, driven = "float32 angular_distance_traveled\n", "float32 distance_traveled\n"
+    return {
+        "action/Spin.action": f"{SPIN}{more}---{TOLD}{turned}",
+        "action/BackUp.action": f"{STRAIGHT}{more}---{TOLD}{driven}",
+        "action/DriveOnHeading.action": f"{STRAIGHT}{more}---{TOLD}{driven}",
+        "action/Wait.action": WAIT,
+    }
+
+
 DEFINITIONS = {
     "jazzy": {
+        **behaviors(""),
         "msg/MissedWaypoint.msg": MISSED,
         "action/FollowWaypoints.action": FOLLOW.format(missed="MissedWaypoint"),
         "action/NavigateThroughPoses.action": THROUGH.format(
@@ -73,6 +98,7 @@ DEFINITIONS = {
         ),
     },
     "kilted": {
+        **behaviors(UNCHECKED),
         "msg/WaypointStatus.msg": STATUS,
         "action/FollowWaypoints.action": FOLLOW.format(missed="WaypointStatus"),
         "action/NavigateThroughPoses.action": THROUGH.format(
@@ -126,7 +152,27 @@ HAS_ENDED = """
 end = sent[-1].end
 result = end and [end.status, end.result.error_code, end.result.error_msg]
 """
-MISSED_ONES = "result = [[one.index, one.error_code] for one in sent[-1].end.result.missed_waypoints]"
+MISSED_ONES = """
+ones = sent[-1].end.result.missed_waypoints
+result = [[getattr(one, "index", None) or one.waypoint_index, one.error_code] for one in ones]
+"""
+STATUSES = """
+told = lambda message: [one.waypoint_status for one in message.waypoint_statuses]
+result = [*(told(one) for one in sent[-1].feedback), told(sent[-1].end.result)]
+"""
+SEND_BEHAVIOR = """
+from geometry_msgs.msg import Point
+fields = dict(numbers)
+if "x" in fields:
+    fields["target"] = Point(x=fields.pop("x"))
+if "time" in fields:
+    fields["time"] = __import__("builtin_interfaces.msg").msg.Duration(sec=fields["time"])
+sent.append(Sent(getattr(nav2_msgs.action, kind), name, fields))
+"""
+TRAVELED = """
+told = [one for one in sent[-1].feedback]
+result = [getattr(one, "distance_traveled", None) or one.angular_distance_traveled for one in told]
+"""
 WAYPOINTS = "result = [one.current_waypoint for one in sent[-1].feedback]"
 LEFT = "result = [[one.distance_remaining, one.number_of_poses_remaining] for one in sent[-1].feedback]"
 DISTANCES = "result = [one.distance_remaining for one in sent[-1].feedback]"
@@ -137,9 +183,16 @@ NAMES = {
     "NavigateToPose": "/navigate_to_pose",
     "NavigateThroughPoses": "/navigate_through_poses",
     "FollowWaypoints": "/follow_waypoints",
+    "Spin": "/spin",
+    "BackUp": "/backup",
+    "DriveOnHeading": "/drive_on_heading",
+    "Wait": "/wait",
 }
+SAME = ("NavigateToPose", "Wait")
+"""Those that Kilted did not change."""
 NEAR_M = 0.4
 """Navigation's tolerance, and what the map may be off."""
+NEAR_RAD = 0.2
 FAR_M = 500.0
 """Beyond all walls."""
 
@@ -200,12 +253,23 @@ def driver(
     command = [ros_python(distribution).path, str(ROOT / "tools/ros_wheels.py"), "interfaces"]
     subprocess.run([*command, str(package), str(folder)], check=True, timeout=400)
     domain = DOMAIN + WHEELS.index(distribution)
-    robot.write_profile(PROFILE.replace("DOMAIN", str(domain)))
+    actions = {
+        name: kind if distribution == "jazzy" or kind in SAME else f"Kilted{kind} as nav2_msgs/action/{kind}"
+        for kind, name in NAMES.items()
+    }
+    robot.write_profile(PROFILE.replace("DOMAIN", str(domain)).replace("ACTIONS", json.dumps(actions)))
     robot.start()
     robot.until(lambda top: all(one["state"] == "RUNNING" for one in top.values()))
     with ros_node(distribution, domain, folder) as node:
         node.run(CLIENT, interfaces=str(folder))
         yield Driver(robot, node, distribution)
+
+
+def heading_rad() -> float:
+    """Return the direction of the robot, rad."""
+    with robbie_mp.attach() as run:
+        turn = run.latest(Odometry, "ground_truth").pose.pose.orientation
+        return 2 * math.atan2(turn.z, turn.w)
 
 
 def place_m() -> float:
@@ -217,14 +281,11 @@ def place_m() -> float:
 def test_clients_of_rclpy_drive_the_stock_robot_as_far_as_it_may_drive_by_itself(driver: Driver) -> None:
     driver.until_ready()
     follow_waypoints(driver)
-    if driver.distribution == "jazzy":
-        drive_through_poses(driver)
-        miss_a_waypoint(driver)
+    drive_through_poses(driver)
+    miss_a_waypoint(driver)
+    behave(driver)
     refuse_and_cancel(driver)
     assert "not asked for" not in driver.robot.top()["ros2"]["status"], "a hash of feedback is another"
-    if driver.distribution == "kilted":
-        driver.begin("NavigateThroughPoses", 0.3, 0.9)
-        driver.robot.until(lambda top: "1 malformed" in top["ros2"]["status"])
 
 
 def follow_waypoints(driver: Driver) -> None:
@@ -247,6 +308,11 @@ def drive_through_poses(driver: Driver) -> None:
     assert {poses for _, poses in left} == {1, 2}
     assert left[-1][0] < left[0][0]
     assert abs(place_m() - 0.9) < NEAR_M
+    if driver.distribution == "kilted":
+        *told, end = driver.node.run(STATUSES)
+        assert [0, 0] in told
+        assert [1, 0] in told
+        assert end == [1, 1]
 
 
 def miss_a_waypoint(driver: Driver) -> None:
@@ -254,6 +320,29 @@ def miss_a_waypoint(driver: Driver) -> None:
     assert driver.end()[0] == SUCCEEDED
     assert driver.node.run(MISSED_ONES) == [[1, 601]]
     assert abs(place_m() - 0.3) < NEAR_M
+
+
+def behave(driver: Driver) -> None:
+    """Turn, drive on and back, and wait."""
+
+    def do(kind: str, **numbers: float) -> tuple[int, int, str]:
+        driver.node.run(SEND_BEHAVIOR, kind=kind, name=NAMES[kind], numbers=numbers)
+        wait_until(lambda: driver.node.run(IS_ACCEPTED))
+        return driver.end()
+
+    before_rad, before_m = heading_rad(), place_m()
+    assert do("Spin", target_yaw=0.8)[0] == SUCCEEDED
+    assert abs(math.remainder(heading_rad() - before_rad - 0.8, math.tau)) < NEAR_RAD
+    assert driver.node.run(TRAVELED)[-1] > 0.4
+    assert do("Spin", target_yaw=-0.8)[0] == SUCCEEDED
+    assert do("BackUp", x=0.3, speed=0.15)[0] == SUCCEEDED
+    assert place_m() < before_m - 0.1
+    assert do("DriveOnHeading", x=0.3, speed=0.15)[0] == SUCCEEDED
+    assert abs(place_m() - before_m) < 0.15
+    assert do("Wait", time=1)[0] == SUCCEEDED
+    status, _, text = do("DriveOnHeading", x=FAR_M, speed=0.3)
+    assert status == ABORTED, "there is a wall"
+    assert "COLLISION_AHEAD" in text
 
 
 def refuse_and_cancel(driver: Driver) -> None:
