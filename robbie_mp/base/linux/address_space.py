@@ -1,4 +1,4 @@
-"""How much address space this process uses, and may use."""
+"""How much memory and address space this process uses, and how much address space it may use."""
 
 import resource
 from collections.abc import Iterator
@@ -10,6 +10,12 @@ def address_space_bytes() -> int:
     """Address space that this process uses."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     return pages * resource.getpagesize()
+
+
+def own_memory_bytes() -> int:
+    """Memory in use that this process shares with no other and with no file."""
+    _, resident, shared, *_ = map(int, Path("/proc/self/statm").read_text().split())
+    return (resident - shared) * resource.getpagesize()
 
 
 @contextmanager

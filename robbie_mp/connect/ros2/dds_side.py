@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from robbie_mp.base.extras import how_to_install
+from robbie_mp.base.linux.address_space import own_memory_bytes
 from robbie_mp.connect.ros2.idl_types import raw_type, sample_of, topic_of
 from robbie_mp.connect.ros2.nodes import Admission
 from robbie_mp.connect.ros2.rtps import wire
@@ -124,6 +125,7 @@ class DdsSide:
         types: returns the class of a channel's messages.
         interface: the network interface to use; on `lo`, only nodes of this machine are found.
         admission: which nodes it deals with; CycloneDDS cannot keep others from reading what it sends.
+        max_memory_bytes: memory of the process, but for what it shares, at which `look_after` fails.
 
     Raises:
         Ros2Unavailable: a package is missing, or the interface.
@@ -134,6 +136,7 @@ class DdsSide:
     types: "Callable[[RosChannel], type[Message]]"
     interface: str = LOOPBACK
     admission: Admission = field(default_factory=lambda: Admission(["*"], 0))
+    max_memory_bytes: int = 1 << 30
     incompatible: int = 0
     """Endpoints of others that do not fit because of their quality of service."""
     refusal: str = ""
@@ -336,7 +339,7 @@ class DdsSide:
         """Count endpoints that do not fit.
 
         Raises:
-            Ros2Unavailable: what serves requests has failed.
+            Ros2Unavailable: what serves requests has failed, or the process has too much memory.
         """
         if self._services is not None and self._services.has_failed:
             raise Ros2Unavailable("the thread that serves requests has ended; the trace has its error")
@@ -344,6 +347,7 @@ class DdsSide:
         is_complete = self._read_endpoints()
         if time.monotonic_ns() - self._looked_ns >= LOOK_NS:
             self._looked_ns = time.monotonic_ns()
+            self._look_at_memory()
             self._forget_names()
             publishers = self._services.publishers() if self._services is not None else []
             self._forget_seen({one.guid for one in publishers})
@@ -387,6 +391,15 @@ class DdsSide:
             for key, endpoint in self._others.items():
                 self._compare(key, endpoint)
         return max(counts) < MAX_LOOKED_AT
+
+    def _look_at_memory(self) -> None:
+        """Fail if nodes have announced so much that it fills the memory: the next process has none of it."""
+        memory_bytes = own_memory_bytes()
+        if memory_bytes > self.max_memory_bytes:
+            raise Ros2Unavailable(
+                f"this process has {memory_bytes >> 20} MiB of its own, more than `max_memory_bytes`: nodes "
+                f"have announced very many endpoints, or messages wait for nodes that are late"
+            )
 
     def _forget_names(self) -> None:
         """Forget what participants that have gone have told of their nodes."""

@@ -159,6 +159,11 @@ class Ros2Bridge(ClockSource):
     )
     inbox_messages: int = setting(1000, "messages that may wait until this module takes them", minimum=1)
     max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1024)
+    max_memory_bytes: int = setting(
+        1 << 30,
+        "for DDS: memory of its own at which it starts again: CycloneDDS keeps all that nodes announce",
+        minimum=128 << 20,
+    )
 
     @classmethod
     def check(cls, settings: dict[str, object]) -> None:
@@ -332,7 +337,8 @@ class Ros2Bridge(ClockSource):
         self.inbox = MiddlewareInbox(self.inbox_messages, self.max_message_bytes, self.tick_soon)
         self.admission = Admission(self.nodes, self.max_message_bytes)
         if self.middleware == "dds":
-            return DdsSide(node, self.inbox, self._type, self.interface, self.admission)
+            limit = self.max_memory_bytes
+            return DdsSide(node, self.inbox, self._type, self.interface, self.admission, limit)
         limit, admission = self.max_message_bytes, self.admission
         return ZenohSide(node, self.inbox, self.listen, self.connect, limit, admission)
 

@@ -114,6 +114,16 @@ def _image() -> Image:
     return Image(height=100, width=500, step=1500, encoding="rgb8", data=np.zeros(150_000, np.uint8))
 
 
+def test_bridge_ends_when_its_memory_is_too_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    with ModuleHarness(Ros2Bridge, {**SETTINGS, "max_memory_bytes": 256 << 20}) as bridge:
+        monkeypatch.setattr(dds_side, "LOOK_NS", 0)
+        bridge.advance(0.02)
+        ballast = np.ones(256 << 20, np.uint8)
+        with pytest.raises(Ros2Unavailable, match="more than `max_memory_bytes`"):
+            bridge.advance(0.02)
+        assert ballast[-1]
+
+
 class OldGas(Message, name="nose_msgs/msg/Gas"):
     ppm: uint8
 
