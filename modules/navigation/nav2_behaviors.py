@@ -63,7 +63,7 @@ KINDS: dict[type[Goal[Any, Any]], tuple[Any, Any]] = {
 }
 SPINS, BACKS_UP = (Spin, KiltedSpin), (BackUp, KiltedBackUp)
 FEEDBACK_S = 0.1
-BLIND_S = 1.0
+BLIND_S = 2.0
 """A goal is given up when nobody has seen the robot move, or what is near it, for this time."""
 SLOWING_M_PER_S2, SLOWING_RAD_PER_S2 = 0.4, 0.8
 SLOWEST_M_PER_S, SLOWEST_RAD_PER_S = 0.04, 0.1
