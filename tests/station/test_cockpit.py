@@ -54,6 +54,14 @@ READ = """() => {
 }"""
 """Returns what time is in the picture, ms, and what the page says of its age."""
 AHEAD = "[aria-label='The camera looks ahead']"
+COVERING = """() => {
+  const shown = ["#hud-ring", "#hud-look", "#camera-light"].map((one) => document.querySelector(one));
+  const [ring, ...others] = shown.filter((one) => one?.checkVisibility()).map((one) => one.getBoundingClientRect());
+  return others.filter((one) =>
+    one.left < ring.right && one.right > ring.left && one.top < ring.bottom && one.bottom > ring.top).length;
+}"""
+"""How many others the ring of free distances covers."""
+TILE_SIZES = ((1280, 800), (760, 420), (520, 360), (430, 330), (390, 300))
 SAMPLES, MAX_ERROR_S = 15, 0.1
 
 
@@ -256,3 +264,14 @@ def test_ring_bumper_and_rear_picture_show_what_is_round_the_robot(cruising: Rob
         is_controlled(page, "HOLD", "nobody drives")
         page.keyboard.press("g")
         is_controlled(page, "AUTO", "modules drive")
+
+
+def test_ring_covers_nothing_however_small_the_picture_is(cruising: Robot, started: Browser) -> None:
+    with page_of(started, f"{address_of(cruising)}") as page:
+        page.wait_for_selector("#state-time")
+        page.goto(f"{page.url.partition('?')[0]}tile/camera")
+        for width, height in TILE_SIZES:
+            page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_selector("#hud-ring [data-at='left']")
+            page.wait_for_selector("#hud-look")
+            assert page.evaluate(COVERING) == 0, (width, height)

@@ -5,7 +5,7 @@ import logging
 import shutil
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +20,15 @@ from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.station.past import recordings
 from robbie_mp.station.past.recordings import DISK_FULL, RunRecorder, saved_recordings
-from robbie_mp.station.past.snapshots import EXIF_PART, TAKEN, TAKEN_FRACTION, name_of, stamped
+from robbie_mp.station.past.snapshots import (
+    EXIF_PART,
+    SNAPSHOTS,
+    TAKEN,
+    TAKEN_FRACTION,
+    name_of,
+    saved_snapshots,
+    stamped,
+)
 from tests._support.robot import Robot, wait_until
 from tests.station._support.browser import IS_CONNECTED, browser, needs_chromium, open_panel, page_of
 from tests.station.test_page import address_of
@@ -178,3 +186,34 @@ def test_two_recordings_in_one_second_have_two_names(recorder: RunRecorder, tmp_
     found = saved_recordings(tmp_path)
     assert len({one.name for one in found}) == 2
     assert all(0 <= time.time() - one.time_s < 100 for one in found)
+
+
+@pytest.mark.parametrize("folder", [SNAPSHOTS, recordings.RECORDINGS])
+def test_what_is_removed_while_it_is_listed_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: str
+) -> None:
+    (tmp_path / folder).mkdir()
+    for second in range(3):
+        if folder == SNAPSHOTS:
+            (tmp_path / folder / name_of("eye", second)).write_bytes(b"picture")
+        else:
+            (tmp_path / folder / f"20261130T12000{second}Z").mkdir()
+    look = Path.iterdir
+
+    def lists_and_removes(path: Path) -> Iterator[Path]:
+        """List a folder, whose middle entry somebody removes before it is looked at."""
+        found = sorted(look(path))
+        for at, one in enumerate(found):
+            if at == 1 and one.is_dir():
+                monkeypatch.setattr(Path, "is_dir", lambda _path: True)
+                one.rmdir()
+            elif at == 1:
+                one.unlink()
+        yield from found
+
+    monkeypatch.setattr(Path, "iterdir", lists_and_removes)
+    saved = saved_snapshots(tmp_path) if folder == SNAPSHOTS else saved_recordings(tmp_path)
+    assert len(saved) == 2
+    monkeypatch.undo()
+    shutil.rmtree(tmp_path / folder)
+    assert not saved_snapshots(tmp_path) + saved_recordings(tmp_path)

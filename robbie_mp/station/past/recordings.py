@@ -165,15 +165,14 @@ class RunRecorder:
 
 
 def saved_recordings(output_directory: Path) -> list[SavedRecording]:
-    """Return the recordings of a run, the oldest first."""
-    folder = output_directory / RECORDINGS
-    if not folder.is_dir():
-        return []
-    return [
-        SavedRecording(path.name, _begin_s(found[1]), _size(path))
-        for path in sorted(folder.iterdir())
-        if (found := NAME.fullmatch(path.name)) and path.is_dir()
-    ]
+    """Return the recordings of a run, the oldest first. Somebody may remove them meanwhile."""
+    saved: list[SavedRecording] = []
+    with contextlib.suppress(FileNotFoundError):
+        for path in sorted((output_directory / RECORDINGS).iterdir()):
+            if (found := NAME.fullmatch(path.name)) and path.is_dir():
+                with contextlib.suppress(FileNotFoundError):
+                    saved.append(SavedRecording(path.name, _begin_s(found[1]), _size(path)))
+    return saved
 
 
 def _begin_s(stamp: str) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import calendar
+import contextlib
 import io
 import re
 import threading
@@ -142,15 +143,14 @@ def _opened(message: Image | CompressedImage) -> PillowImage.Image:
 
 
 def saved_snapshots(output_directory: Path) -> list[SavedSnapshot]:
-    """Return the snapshots of a run, the oldest first."""
-    folder = output_directory / SNAPSHOTS
-    if not folder.is_dir():
-        return []
-    return [
-        SavedSnapshot(path.name, found[3], _taken_s(found), path.stat().st_size)
-        for path in sorted(folder.iterdir())
-        if (found := NAME.fullmatch(path.name))
-    ]
+    """Return the snapshots of a run, the oldest first. Somebody may remove them meanwhile."""
+    saved: list[SavedSnapshot] = []
+    with contextlib.suppress(FileNotFoundError):
+        for path in sorted((output_directory / SNAPSHOTS).iterdir()):
+            if found := NAME.fullmatch(path.name):
+                with contextlib.suppress(FileNotFoundError):
+                    saved.append(SavedSnapshot(path.name, found[3], _taken_s(found), path.stat().st_size))
+    return saved
 
 
 def _taken_s(found: re.Match[str]) -> float:

@@ -6,7 +6,9 @@ from functools import partial
 from typing import NamedTuple, Protocol
 
 from robbie_mp.attached.views.image_pixels import DEPTHS
-from robbie_mp.messages import CompressedImage, Detection2DArray, Image
+from robbie_mp.bus.observe import ChannelFigures
+from robbie_mp.messages import CompressedImage, Detection2DArray, Image, Message
+from robbie_mp.module.envelope import MessageType
 from robbie_mp.module.module import MessageHandling
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.latest import Latest, MessageSource
@@ -125,10 +127,46 @@ class Cameras:
         self._births = births
         self.found: dict[str, CameraTopic] = {}
         self.detections: dict[str, dict[str, Detection2DArray]] = {}
+        self._by_topic: set[tuple[str, str]] = set()
+        """The types and topics that have a subscription of their own."""
         newest = MessageHandling.KEEP_ONLY_NEWEST
-        station.subscribe(Image, self._on_image, newest)
-        station.subscribe(CompressedImage, self._on_image, newest)
-        station.subscribe(Detection2DArray, self._on_detections, newest)
+        station.subscribe(Image, self._on_any_image, newest)
+        station.subscribe(CompressedImage, self._on_any_image, newest)
+        station.subscribe(Detection2DArray, self._on_any_detections, newest)
+
+    def tick(self, channels: Iterable[ChannelFigures]) -> None:
+        """Subscribe to each topic by itself; called in the module's thread with the channels of the run.
+
+        A subscription to all topics keeps only one message. So of a module that sends the pictures of two
+        cameras at once, it would lose one each time.
+        """
+        for channel in channels:
+            key = (channel.type_name, channel.topic)
+            of_type = sum(one[0] == channel.type_name for one in self._by_topic)
+            if channel.topic and key not in self._by_topic and of_type < MAX_CAMERAS:
+                if channel.type_name == Detection2DArray.type_name:
+                    self._subscribe(Detection2DArray, self._on_detections, channel.topic)
+                elif channel.type_name == Image.type_name:
+                    self._subscribe(Image, self._on_image, channel.topic)
+                elif channel.type_name == CompressedImage.type_name:
+                    self._subscribe(CompressedImage, self._on_image, channel.topic)
+
+    def _subscribe(
+        self, message_type: type[MessageType], handler: Callable[[MessageType], None], topic: str
+    ) -> None:
+        self._by_topic.add((message_type.type_name, topic))
+        self._station.subscribe(message_type, handler, MessageHandling.KEEP_ONLY_NEWEST, topic=topic)
+
+    def _has_own(self, message_type: type[Message]) -> bool:
+        return (message_type.type_name, self._station.envelope.topic) in self._by_topic
+
+    def _on_any_image(self, image: Image | CompressedImage) -> None:
+        if not self._has_own(type(image)):
+            self._on_image(image)
+
+    def _on_any_detections(self, found: Detection2DArray) -> None:
+        if not self._has_own(Detection2DArray):
+            self._on_detections(found)
 
     def _on_image(self, image: Image | CompressedImage) -> None:
         topic = self._station.envelope.topic or "image"

@@ -266,6 +266,8 @@ class Website:
             panel.tick()
         if self.open_pages:
             self._context.run.figures.tick()
+            if (reading := self._context.run.figures.reading) is not None:
+                self._context.robot.cameras.tick(reading.channels)
 
     def close(self) -> None:
         """Tell the pages that the station ends, stop the page server, and close the panels."""
