@@ -71,6 +71,8 @@ from robbie_mp.messages.stock.link_msgs import (
     LinkTypes,
     OperatorRequest,
     OperatorState,
+    RobotAlarm,
+    RobotSummary,
     ToolReply,
     ToolRequest,
 )
@@ -271,6 +273,8 @@ __all__ = [
     "Reply",
     "Request",
     "Result",
+    "RobotAlarm",
+    "RobotSummary",
     "SceneGraphState",
     "SceneNodeState",
     "SchemaError",

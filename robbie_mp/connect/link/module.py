@@ -171,7 +171,9 @@ class Link(Module):
     jpeg_quality: int = setting(
         0, "of images in the class bulk, which are sent as JPEG; 0: as they are", minimum=0, maximum=95
     )
-    prefix_topics: bool = setting(False, "publish what comes from robot `red` on topics `red/…`")
+    prefix_topics: bool = setting(
+        False, "publish what comes from robot `red` on topics `red/…`, and send what is on these only there"
+    )
     prefix_frames: bool = setting(
         False, "put `red/` before the names of frames in what comes from robot `red`; needs `prefix_topics`"
     )
@@ -357,7 +359,11 @@ class Link(Module):
         offered = Offered(name, traffic, data, envelope.published_ns, is_latched, type_hash)
         if may_be_jpeg:
             offered = self._as_jpeg(offered)
-        self.node.offer(offered, self.clock.monotonic_ns())
+        robot = name.topic.partition("/")[0]
+        if self.prefix_topics and robot in self.node.peers and robot != name.topic:
+            self.node.offer_to(robot, offered, self.clock.monotonic_ns())
+        else:
+            self.node.offer(offered, self.clock.monotonic_ns())
 
     def _as_jpeg(self, offered: Offered) -> Offered:
         """Return an image as it is sent: as JPEG, if nothing but sharpness is lost."""
@@ -521,7 +527,7 @@ class Link(Module):
         if known and message.type_hash and known != message.type_hash:
             self.mismatched += 1
             return None
-        topic = f"{robot}/{name.topic}".rstrip("/") if self.prefix_topics else name.topic
+        topic = self._topic_here(robot, name.topic)
         if len(self._incoming) >= MAX_REMEMBERED:
             self._incoming.clear()
         found = self._incoming[robot, name, message.type_hash] = LinkIncoming(
@@ -532,6 +538,13 @@ class Link(Module):
             framed=self._with_frames(name) if self.prefix_frames else None,
         )
         return found
+
+    def _topic_here(self, robot: str, topic: str) -> str:
+        """Return the topic on which to publish what a robot has sent on a topic."""
+        if not self.prefix_topics:
+            return topic
+        own = f"{self.robot}/"
+        return topic.removeprefix(own) if topic.startswith(own) else f"{robot}/{topic}".rstrip("/")
 
     def _with_frames(self, name: ChannelId) -> type[Message] | None:
         """Return the type of a channel's messages if they have frames and this robot knows that version."""

@@ -1,5 +1,6 @@
 """Messages of the link between robots."""
 
+import math
 from typing import Any, ClassVar
 
 from robbie_mp.messages.declaration import Upgrade
@@ -7,6 +8,7 @@ from robbie_mp.messages.field_types import DEFAULT
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import float32, float64, int32, uint8, uint16, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Time
+from robbie_mp.messages.stock.std_msgs import Header
 
 
 class LinkChannel(Message, name="robbie_msgs/msg/LinkChannel", version=1):
@@ -140,3 +142,23 @@ class ToolReply(Message, name="robbie_msgs/msg/ToolReply", version=1):
     error: str = DEFAULT  # what it has printed on standard error, or why it is not run
     is_over: bool = DEFAULT  # it has ended, and this is the last reply
     exit_code: int32 = DEFAULT
+
+
+class RobotAlarm(Message, name="robbie_msgs/msg/RobotAlarm", version=1):
+    """Something that is wrong with a robot."""
+
+    level: uint8 = DEFAULT  # 1: note, 2: caution, 3: danger
+    text: str = DEFAULT  # one sentence
+
+
+class RobotSummary(Message, name="robbie_msgs/msg/RobotSummary", version=1):
+    """What operators of several robots see of each. Its operator station publishes it on `robot_summary`."""
+
+    header: Header = DEFAULT
+    robot: str = DEFAULT  # the name that its pages show
+    colour: str = DEFAULT  # such as #ff6f00
+    page: str = DEFAULT  # address of its own page; "": it has none that others reach
+    mode: str = DEFAULT  # AUTO, MANUAL or HOLD; "": not known
+    state: str = DEFAULT  # of its mission; "": it has none
+    battery: float32 = math.nan  # charge from 0 to 1; NaN: not known
+    alarms: list[RobotAlarm] = DEFAULT  # the most urgent first

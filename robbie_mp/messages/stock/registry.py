@@ -36,6 +36,7 @@ def stock_registry() -> TypeRegistry:
             link_msgs.LinkTypes,
             link_msgs.OperatorRequest,
             link_msgs.OperatorState,
+            link_msgs.RobotSummary,
             link_msgs.ToolReply,
             link_msgs.ToolRequest,
             nav2_msgs.Costmap,

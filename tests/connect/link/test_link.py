@@ -23,7 +23,7 @@ from robbie_mp.connect.link.receiving import Arrived, Fate
 from robbie_mp.connect.link.sending import Item
 from robbie_mp.connect.link.traffic import TrafficClass
 from robbie_mp.connect.link.wire import Endpoints, open_session
-from robbie_mp.messages import CompressedImage, Image, LinkState, Message, Odometry, String, replace
+from robbie_mp.messages import CompressedImage, EmergencyStop, Image, LinkState, Message, Odometry, String, replace
 
 LINK_ALONE = """
 import json, sys
@@ -171,6 +171,38 @@ def test_link_puts_the_robots_name_before_topics_and_frames(message: Message) ->
     assert arrive(message, prefix_topics=True) == (message, "red/odom")
     found = arrive(message, prefix_topics=True, prefix_frames=True)
     assert found == (prefixed(message, "red/"), "red/odom")
+
+
+def test_topic_that_begins_with_a_robots_name_is_for_that_robot_alone() -> None:
+    settings = {"robot": "red", "listen": [], "send": {"urgent": ["EmergencyStop */emergency_stop"]}}
+    with ModuleHarness(Link, {**settings, "prefix_topics": True}) as harness:
+        node = harness.module.node
+        for robot in ("blue", "green"):
+            node.meet(robot)
+        harness.send(EmergencyStop(engaged=True), topic="blue/emergency_stop")
+        harness.advance(0.01)
+        name = ChannelId(EmergencyStop.type_name, EmergencyStop.version, "blue/emergency_stop")
+        assert node.holds("blue", name, TrafficClass.URGENT)
+        assert not node.holds("green", name, TrafficClass.URGENT)
+
+
+@pytest.mark.parametrize(
+    ("topic", "here"),
+    [
+        ("red/emergency_stop", "emergency_stop"),
+        ("emergency_stop", "blue/emergency_stop"),
+        ("redder/odom", "blue/redder/odom"),
+    ],
+)
+def test_what_another_robot_sends_to_this_one_has_no_prefix(topic: str, here: str) -> None:
+    settings = {"robot": "red", "listen": [], "accept": {"blue": ["*"]}, "prefix_topics": True}
+    with ModuleHarness(Link, settings) as harness:
+        harness.module.node.meet("blue")
+        name = ChannelId(EmergencyStop.type_name, EmergencyStop.version, topic)
+        data = EmergencyStop(engaged=True).encode()
+        one = Arrived("blue", 1, TrafficClass.URGENT, 0, name, data, 0, 0, False, ("blue",))
+        assert harness.module.on_arrived(one) is Fate.PUBLISHED
+        assert [entry.topic for entry in harness.published_encoded] == [here]
 
 
 @pytest.mark.parametrize("error", [NameTooLong("topic"), TooManyDeclarations("topics")])
