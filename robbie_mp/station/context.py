@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from robbie_mp.module.clock import Clock
     from robbie_mp.run.run_directory import KnownRun
+    from robbie_mp.station.fleet.robots import OtherRobots
     from robbie_mp.station.module import StationModule
     from robbie_mp.station.settings import StationSettings
     from robbie_mp.station.watch.latest import MessageSource
@@ -101,10 +102,17 @@ class StationContext:
     """The parts that pages draw many times a second."""
     clock: Clock
     log: logging.Logger
+    team: OtherRobots | None = None
+    """The other robots; None if the link of this one does not tell them apart."""
 
 
-def context_of(station: StationModule) -> StationContext:
-    """Return what a station offers to its panels; called in its `setup`."""
+def context_of(station: StationModule, team: OtherRobots | None) -> StationContext:
+    """Return what a station offers to its panels; called in its `setup`.
+
+    Args:
+        station: the station.
+        team: the other robots, if it has a team.
+    """
     settings_watch = SettingsWatch(station, station.known_run.folder)
     figures = RunWatch(station.run_id)
     known, output = station.known_run, station.output_directory
@@ -143,6 +151,7 @@ def context_of(station: StationModule) -> StationContext:
         live=LiveParts(),
         clock=station.clock,
         log=station.log,
+        team=team,
     )
 
 

@@ -36,6 +36,9 @@ class StationModule(StationSettings, Module):
 
     period_s: float = setting(0.05, "time between updates of moving parts", minimum=0.01)
 
+    page_address: str = ""
+    """Where browsers on other machines find the page; '' until it is served."""
+
     @cached_property
     def known_run(self) -> KnownRun:
         """The run that the station is part of."""

@@ -15,6 +15,7 @@ FRAMEWORK_PANELS = {
     "map": "robbie_mp.station.panels.map:MapPanel",
     "camera": "robbie_mp.station.panels.camera:CameraPanel",
     "cameras": "robbie_mp.station.panels.cameras:CamerasPanel",
+    "robots": "robbie_mp.station.panels.robots:RobotsPanel",
     "joints": "robbie_mp.station.panels.joints:JointsPanel",
     "speech": "robbie_mp.station.panels.speech:SpeechPanel",
     "system": "robbie_mp.station.panels.system:SystemPanel",

@@ -31,6 +31,10 @@ MODEL_SUFFIXES = (".stl", ".glb", ".gltf")
 """Suffixes of files with a robot's shape."""
 
 
+EVERYWHERE = ("0.0.0.0", "::")
+"""Addresses that stand for all of this machine."""
+
+
 class ExtraMissing(RobbieError, ImportError):
     """A library that the operator station needs is not installed."""
 
@@ -131,6 +135,8 @@ class OperatorStation(StationModule):
         own = f"http://{self.host}:{self._port}/"
         public = str(public_address(self.public_address)) if self.public_address else ""
         self.address = f"{public} (a proxy, to {own})" if public else own
+        host = socket.gethostname() if self.host in EVERYWHERE else self.host
+        self.page_address = public or f"http://{host}:{self._port}/"
         self._remember()
         self._claim.announce(self.address)
         self.link = public or own

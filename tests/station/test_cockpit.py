@@ -56,7 +56,8 @@ READ = """() => {
 AHEAD = "[aria-label='The camera looks ahead']"
 COVERING = """() => {
   const shown = ["#hud-ring", "#hud-look", "#camera-light"].map((one) => document.querySelector(one));
-  const [ring, ...others] = shown.filter((one) => one?.checkVisibility()).map((one) => one.getBoundingClientRect());
+  const seen = shown.filter((one) => one?.checkVisibility());
+  const [ring, ...others] = seen.map((one) => one.getBoundingClientRect());
   return others.filter((one) =>
     one.left < ring.right && one.right > ring.left && one.top < ring.bottom && one.bottom > ring.top).length;
 }"""

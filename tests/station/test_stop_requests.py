@@ -8,6 +8,7 @@ import pytest
 
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.module.clock import ManualClock
+from robbie_mp.station.fleet.stop_all import StopAll
 from robbie_mp.station.stop.connection import Question, question_of
 from robbie_mp.station.stop.emergency_stop import EmergencyStopControl
 from robbie_mp.station.stop.requests import (
@@ -17,6 +18,7 @@ from robbie_mp.station.stop.requests import (
     REPEAT_S,
     PressState,
     StopRequests,
+    state_text,
 )
 from robbie_mp.station.watch.latest import Latest
 
@@ -144,7 +146,10 @@ def test_pages_are_notified_when_the_state_of_a_press_changes(base: Base) -> Non
         None, "", "{", "5", "[]", "{}", '{"asked_ms": 1}', '{"asked_ms": null, "press": ""}',
         '{"asked_ms": NaN, "press": ""}', '{"asked_ms": 1e999, "press": ""}', '{"asked_ms": 1, "press": 3}',
         f'{{"asked_ms": {"9" * 400}, "press": ""}}', f'{{"asked_ms": 1, "press": "{"x" * 65}"}}',
-        "[" * 100_000,
+        "[" * 100_000, '{"asked_ms": 1, "press": "", "press_all": 5}',
+        '{"asked_ms": 1, "press": "", "settled": "a"}',
+        '{"asked_ms": 1, "press": "", "settled": [5]}',
+        f'{{"asked_ms": 1, "press": "", "settled": {json.dumps(["a"] * 65)}}}',
     ],
 )  # fmt: skip
 def test_malformed_questions_are_ignored(text: object) -> None:
@@ -154,6 +159,52 @@ def test_malformed_questions_are_ignored(text: object) -> None:
 def test_question_names_a_press_or_none() -> None:
     assert question_of('{"asked_ms": 1.5, "press": "ab-1"}') == Question(1.5, "ab-1")
     assert question_of('{"asked_ms": 2, "press": ""}') == Question(2.0, "")
+    asked = '{"asked_ms": 3, "press": "", "press_all": "c-2", "settled": ["blue"]}'
+    assert question_of(asked) == Question(3.0, "", "c-2", ("blue",))
+
+
+class Team:
+    """Robots of a team, of which each tells its own base."""
+
+    def __init__(self, *names: str):
+        self.bases = {name: Base() for name in ("", *names)}
+        others = {name: Mock(requests=base.requests) for name, base in self.bases.items() if name}
+        for name, robot in others.items():
+            robot.name, robot.stop_state = name, "ready"
+        self.stop = StopAll(self.bases[""].requests, lambda: "ready", Mock(all=others))
+
+    def fates(self, press: str) -> dict[str, str]:
+        return {one["robot"]: one["fate"] for one in self.stop.states(press)}
+
+    def confirm(self, name: str) -> None:
+        base = self.bases[name]
+        base.clock.advance(0.1)
+        base.requests.see(engaged=True, published_s=base.now_s())
+
+
+def test_each_robot_confirms_a_stop_of_all_by_itself() -> None:
+    team = Team("blue", "green")
+    team.stop.press("p", ())
+    assert [base.heard for base in team.bases.values()] == [[True]] * 3
+    team.confirm("")
+    team.confirm("green")
+    assert team.fates("p") == {"": "confirmed", "blue": "pending", "green": "confirmed"}
+    team.stop.press("p", ())  # as the page says until all have confirmed
+    assert team.bases["green"].heard == [True]
+
+
+def test_restarted_station_stops_no_robot_again_that_has_confirmed() -> None:
+    team = Team("blue", "green")
+    team.stop.press("p", ("", "green"))
+    assert [base.heard for base in team.bases.values()] == [[], [True], []]
+
+
+def test_stop_that_is_not_confirmed_is_said_with_its_age() -> None:
+    assert state_text(0.2, False, 0.1) == "stopping …"
+    assert state_text(4.2, True, 0.1, ": no link") == "NOT CONFIRMED for 4 s: no link"
+    assert state_text(None, True, 0.1) == "STOPPED"
+    assert state_text(None, False, 5.0) == "base silent for 5 s; before: ready"
+    assert state_text(None, None, None) == "base silent"
 
 
 def test_base_beside_a_paused_log_falls_silent() -> None:

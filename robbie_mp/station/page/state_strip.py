@@ -43,9 +43,12 @@ class StateStrip:
     Args:
         station: source of messages and figures.
         panels: add their own items, or replace one of the strip's of the same name.
+        is_always_wanted: whether the items are wanted although no page is open.
     """
 
-    def __init__(self, station: StationContext, panels: Sequence[Panel] = ()):
+    def __init__(
+        self, station: StationContext, panels: Sequence[Panel] = (), *, is_always_wanted: bool = False
+    ):
         self._run = station.run
         self._operators = station.operators
         self._panels = panels
@@ -56,20 +59,23 @@ class StateStrip:
         self._charges_count = 0
         self._restarts: deque[tuple[float, int]] = deque(maxlen=round(RESTARTS_S / PERIOD_S) * 4)
         self._looked_s = 0.0
-        self._items: tuple[StateItem, ...] = ()
+        self._is_always_wanted = is_always_wanted
+        self.items: tuple[StateItem, ...] = ()
+        """The tuple is replaced and never changed, because pages read it."""
         self.alarms = Alarms()
 
     def tick(self) -> None:
         """Work out the items, once for all pages."""
-        if not self._operators.pages or time.monotonic() - self._looked_s < PERIOD_S:
+        is_wanted = self._is_always_wanted or self._operators.pages
+        if not is_wanted or time.monotonic() - self._looked_s < PERIOD_S:
             return
         self._looked_s = time.monotonic()
         items = {item.name: item for item in self._look()}
         for panel in self._panels:
             items |= {item.name: item for item in panel.state_items()}
-        self._items = tuple(items.values())
+        self.items = tuple(items.values())
         if (reading := self._run.figures.reading) is not None:
-            self.alarms.look(causes_of(reading.modules, self._items))
+            self.alarms.look(causes_of(reading.modules, self.items))
 
     def build(self, page: Page) -> None:
         """Build the strip of a page."""
@@ -78,7 +84,7 @@ class StateStrip:
         strip.props('id=state-strip role=group aria-label="State"')
 
         def update() -> None:
-            for item in self._items:
+            for item in self.items:
                 if item.name not in chips:
                     with strip:
                         chips[item.name] = Chip(item.name)

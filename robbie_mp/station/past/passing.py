@@ -11,7 +11,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from robbie_mp.station.past.player import PLAYER_PATH, SESSION_COOKIE
+from robbie_mp.station.past.player import PLAYER_PATH
 from robbie_mp.station.web.access import Role
 from robbie_mp.station.web.gate import SESSION, App
 
@@ -58,7 +58,7 @@ async def _pass(player: ClipPlayer, access: Access, scope: Scope, receive: Recei
         for name, value in scope["headers"]
         if name in KEPT_OF_REQUEST
     }
-    headers["Cookie"] = f"{SESSION_COOKIE}={session}"
+    headers["Cookie"] = session
     timeout = aiohttp.ClientTimeout(total=None, sock_connect=CONNECT_S, sock_read=READ_S)
     async with aiohttp.ClientSession(timeout=timeout, auto_decompress=False) as client:
         try:

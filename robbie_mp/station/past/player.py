@@ -151,10 +151,10 @@ class ClipPlayer:
             try:
                 connection.request("GET", f"/login?token={token}")
                 answer = connection.getresponse()
-                cookie = SimpleCookie(answer.getheader("set-cookie", "")).get(SESSION_COOKIE)
-                if cookie is not None:
-                    self.used_s = time.monotonic()
-                    return cookie.value
+                for name, cookie in SimpleCookie(answer.getheader("set-cookie", "")).items():
+                    if name.startswith(SESSION_COOKIE):
+                        self.used_s = time.monotonic()
+                        return f"{name}={cookie.value}"
             except (OSError, http.client.HTTPException):
                 pass  # it has not started yet
             finally:

@@ -25,9 +25,14 @@ from robbie_mp.station.web.page_json import from_page
 
 if TYPE_CHECKING:
     from robbie_mp.messages import EmergencyStop
+    from robbie_mp.station.fleet.stop_all import StopAll
     from robbie_mp.station.stop.requests import StopRequests
     from robbie_mp.station.watch.latest import Latest
     from robbie_mp.station.web.gate import App
+
+
+MAX_SETTLED = 64
+"""Maximum number of robots that a question names."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,10 @@ class Question:
     """Time of the question on the page's own clock."""
     press: str
     """Name of a press that, as far as the page knows, is not settled; '' if there is none."""
+    press_all: str = ""
+    """The same of a press that stops all robots of the team."""
+    settled: tuple[str, ...] = ()
+    """The robots that have confirmed that press, as far as the page knows."""
 
 
 def question_of(text: object) -> Question | None:
@@ -45,11 +54,17 @@ def question_of(text: object) -> Question | None:
     try:
         sent: Any = from_page(text) if isinstance(text, str) else None
         asked_ms, press = float(sent["asked_ms"]), sent["press"]
-    except (KeyError, TypeError, ValueError):
+        press_all, settled = sent.get("press_all", ""), sent.get("settled", [])
+    except (AttributeError, KeyError, TypeError, ValueError):
         return None
-    if not math.isfinite(asked_ms) or not isinstance(press, str) or len(press) > MAX_NAME_LENGTH:
+    if not isinstance(settled, list) or len(settled) > MAX_SETTLED:
         return None
-    return Question(asked_ms, press)
+    names = (press, press_all, *settled)
+    if not math.isfinite(asked_ms) or not all(
+        isinstance(one, str) and len(one) <= MAX_NAME_LENGTH for one in names
+    ):
+        return None
+    return Question(asked_ms, press, press_all, tuple(settled))
 
 
 class StopService:
@@ -60,6 +75,9 @@ class StopService:
         state: the newest report of the base.
         age_s: returns how old that is, s; None before the first.
         is_of_log: returns whether that report comes from a log, so that no base listens here.
+
+    Attributes:
+        team: passes presses on to all robots; None if this robot has no team.
     """
 
     def __init__(
@@ -73,6 +91,7 @@ class StopService:
         self._age_s, self._is_of_log = age_s, is_of_log
         self._state = state
         self._ends = False
+        self.team: StopAll | None = None
 
     def end(self) -> None:
         """Tell all pages that the station ends cleanly, as it does at the end of a run."""
@@ -90,9 +109,12 @@ class StopService:
 
         return answer
 
-    def press(self, name: str) -> None:
-        """Stop the robot."""
-        self._requests.press(name)
+    def take(self, question: Question) -> None:
+        """Stop the robot, or all robots, if a page asks for that."""
+        if question.press:
+            self._requests.press(question.press)
+        if question.press_all and self.team is not None:
+            self.team.press(question.press_all, question.settled)
 
     def answer(self, question: Question) -> str:
         """Return the answer to a page, as JSON."""
@@ -110,6 +132,8 @@ class StopService:
                 "is_of_log": self._is_of_log(),
                 "now_s": time.monotonic(),
                 "ends": self._ends,
+                "press_all": question.press_all,
+                "robots": None if self.team is None else self.team.states(question.press_all),
             }
         )
 
@@ -174,8 +198,7 @@ class _Connection:
             question = question_of(message.get("text"))
             if question is None:
                 continue
-            if question.press:
-                self._service.press(question.press)
+            self._service.take(question)
             self._question = question
             self._changed.set()
         self._is_gone = True

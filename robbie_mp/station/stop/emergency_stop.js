@@ -25,7 +25,8 @@ export default {
     // now_ms and heard_ms are times of performance.now(): now, and of the last answered question.
     // page_ms: when the connection of the rest of the page was last open.
     const now_ms = performance.now();
-    return { now_ms, heard_ms: now_ms, page_ms: now_ms, answer: null, has_ended: false, refusal: "", kept: kept_press() };
+    return { now_ms, heard_ms: now_ms, page_ms: now_ms, answer: null, has_ended: false, refusal: "", kept: kept_press(KEPT),
+      kept_all: kept_press(KEPT_ALL) };
   },
   mounted() {
     this.unanswered = []; // times of the questions without an answer
@@ -43,6 +44,7 @@ export default {
       this.leave_when_answered();
     };
     window.navigation?.addEventListener("navigate", this.on_leave);
+    addEventListener("robbie-stop-all", this.press_all);
     this.open();
     this.timer = setInterval(() => this.beat(), BEAT_MS);
     this.asker = setInterval(() => this.ask_why(), ASK_WHY_MS);
@@ -51,6 +53,7 @@ export default {
     removeEventListener("keydown", this.on_key, { capture: true });
     document.removeEventListener("visibilitychange", this.on_sight);
     window.navigation?.removeEventListener("navigate", this.on_leave);
+    removeEventListener("robbie-stop-all", this.press_all);
     clearInterval(this.timer);
     clearInterval(this.asker);
     this.shut();
@@ -65,11 +68,15 @@ export default {
     is_page_lost() {
       return this.now_ms - this.page_ms > LOST_MS;
     },
+    // Whether the station has the press that stops all robots.
+    is_at_all() {
+      return this.kept_all !== null && this.answer?.press_all === this.kept_all.name;
+    },
     page_lost_s() {
       return Math.floor((this.now_ms - this.page_ms) / 1000);
     },
     shown() {
-      const { answer, kept } = this;
+      const { answer } = this, kept = this.kept ?? (this.is_at_all ? null : this.kept_all);
       const before = !answer || answer.engaged === null ? "unknown" : answer.engaged ? "STOPPED" : "ready";
       if (kept || (answer && answer.waits_s !== null)) return this.shown_while_pending();
       if (this.is_lost) return { state: "no link", look: "", detail: `for ${this.lost_s} s; before: ${before}` };
@@ -85,7 +92,7 @@ export default {
   },
   methods: {
     shown_while_pending() {
-      const { answer, kept } = this;
+      const { answer } = this, kept = this.kept ?? (this.is_at_all ? null : this.kept_all);
       const look = "is-pending";
       const is_at_robot = !kept || (answer && answer.fate && answer.press === kept.name);
       if (!is_at_robot || this.is_lost) {
@@ -114,10 +121,37 @@ export default {
       sessionStorage.setItem(KEPT, JSON.stringify(this.kept));
       this.ask();
     },
+    // All robots of the team. The press is kept until each of them has confirmed it.
+    press_all() {
+      this.kept_all = { name: new_name(), pressed_ms: performance.timeOrigin + performance.now(), settled: [] };
+      this.keep_all();
+      this.ask();
+      this.tell_robots();
+    },
+    keep_all() {
+      if (this.kept_all) sessionStorage.setItem(KEPT_ALL, JSON.stringify(this.kept_all));
+      else sessionStorage.removeItem(KEPT_ALL);
+    },
+    hear_all({ press_all, robots }) {
+      if (!this.kept_all || press_all !== this.kept_all.name || !robots) return;
+      const settled = robots.filter((one) => SETTLED.includes(one.fate)).map((one) => one.robot);
+      this.kept_all.settled = [...new Set([...this.kept_all.settled, ...settled])];
+      if (robots.every((one) => this.kept_all.settled.includes(one.robot))) this.kept_all = null;
+      this.keep_all();
+    },
+    // Tells the panel with all robots how each is.
+    tell_robots() {
+      const { answer, kept_all } = this;
+      if (!answer?.robots) return;
+      const pressed_s = kept_all ? (performance.timeOrigin + this.now_ms - kept_all.pressed_ms) / 1000 : null;
+      const detail = { robots: answer.robots, pressed_s, is_at_station: this.is_at_all && !this.is_lost, is_lost: this.is_lost };
+      dispatchEvent(new CustomEvent("robbie-robots", { detail }));
+    },
     beat() {
       this.now_ms = performance.now();
       if (window.socket?.connected) this.page_ms = this.now_ms;
       this.tell_age();
+      this.tell_robots();
       const { socket } = this;
       const limit_ms = socket.readyState === WebSocket.CONNECTING ? CONNECT_MS : LOST_MS;
       const silent_ms = this.now_ms - Math.max(this.heard_ms, socket.opened_ms ?? 0, socket.made_ms);
@@ -147,7 +181,8 @@ export default {
       if (this.socket.bufferedAmount > MAX_UNSENT_BYTES) return;
       const asked_ms = performance.now();
       this.unanswered = [...this.unanswered.slice(-MAX_UNANSWERED), asked_ms];
-      this.socket.send(JSON.stringify({ asked_ms, press: this.kept?.name ?? "" }));
+      this.socket.send(JSON.stringify({ asked_ms, press: this.kept?.name ?? "",
+        press_all: this.kept_all?.name ?? "", settled: this.kept_all?.settled ?? [] }));
     },
     // Tells the rest of the page how late it is: the time until the last answer, or since the first question without one.
     tell_age() {
@@ -179,6 +214,8 @@ export default {
       robot_clock.add(answer.now_s, answer.asked_ms / 1000, this.now_ms / 1000);
       this.tell_age();
       this.answer = answer;
+      this.hear_all(answer);
+      this.tell_robots();
       this.has_ended = answer.ends;
       if (this.kept && answer.press === this.kept.name && SETTLED.includes(answer.fate)) {
         this.kept = null;
@@ -229,6 +266,7 @@ const SOON_MS = 700; // a press that is settled within this is not worth a word
 const MAX_UNSENT_BYTES = 1000;
 const MAX_UNANSWERED = 100;
 const KEPT = "robbie-emergency-stop";
+const KEPT_ALL = "robbie-stop-all";
 const SETTLED = ["confirmed", "withdrawn"];
 
 const NO_SOCKETS = `The robot answers, but not on a WebSocket. A proxy must pass them on (nginx: proxy_http_version 1.1;
@@ -238,8 +276,8 @@ function address() {
   return `${window.stop_prefix}/emergency-stop`;
 }
 
-function kept_press() {
-  return JSON.parse(sessionStorage.getItem(KEPT) ?? "null");
+function kept_press(where) {
+  return JSON.parse(sessionStorage.getItem(where) ?? "null");
 }
 
 function new_name() {

@@ -12,7 +12,7 @@ from nicegui.element import Element
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.station.context import header_of_now
 from robbie_mp.station.stop.connection import StopService
-from robbie_mp.station.stop.requests import StopRequests
+from robbie_mp.station.stop.requests import StopRequests, state_text
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ class EmergencyStopControl:
 
     Attributes:
         service: serves the buttons of all pages.
+        requests: the presses that the base has not confirmed.
     """
 
     def __init__(
@@ -64,20 +65,26 @@ class EmergencyStopControl:
         self._clock = clock
         self._publish = publish
         self._state = messages.newest(EmergencyStop, STATE_TOPIC)
-        self._requests = StopRequests(self._send)
+        self.requests = StopRequests(self._send)
         self._heard_s: float | None = None
         self._state.listen(self._see)
-        self.service = StopService(self._requests, self._state, self._age_s, lambda: self._is_of_log)
+        self.service = StopService(self.requests, self._state, self._age_s, lambda: self._is_of_log)
 
     def tick(self) -> None:
         """Repeat presses that the base has not confirmed; called in the module's thread."""
-        self._requests.repeat()
+        self.requests.repeat()
 
     def _send(self, engaged: bool) -> bool:
         """Request the base to stop and stay stopped, or to be ready to drive again."""
         reason = STOPPED_BY if engaged else RELEASED_BY
         message = EmergencyStop(header=header_of_now(self._clock), engaged=engaged, reason=reason)
         return self._publish(message, topic=REQUEST_TOPIC)
+
+    @property
+    def state_text(self) -> str:
+        """The state of this robot's stop, in the words of the other robots of its team."""
+        state = None if self._is_of_log else self._state.message
+        return state_text(self.requests.waits_s, None if state is None else state.engaged, self._age_s())
 
     def _age_s(self) -> float | None:
         """Return how long ago a base has reported, by this machine's clock: a log beside it may be paused."""
@@ -88,12 +95,12 @@ class EmergencyStopControl:
         self._is_of_log = self._log_source == self._messages.envelope.sender
         if self._is_of_log:
             return  # what a base once said confirms no press
-        self._requests.see(engaged=state.engaged, published_s=self._messages.envelope.published_ns / 1e9)
+        self.requests.see(engaged=state.engaged, published_s=self._messages.envelope.published_ns / 1e9)
 
     @property
     def _can_be_released(self) -> bool:
         is_engaged = self._state.message is not None and self._state.message.engaged
-        return not self._is_of_log and (is_engaged or self._requests.waits_s is not None)
+        return not self._is_of_log and (is_engaged or self.requests.waits_s is not None)
 
     def build(self, page: Page) -> None:
         """Build the stop button of a page, and the button that releases the stop."""
@@ -105,13 +112,13 @@ class EmergencyStopControl:
     def _build_release(self, page: Page) -> None:
         def release() -> None:
             dialog.close()
-            if page.may_move("the release of the emergency stop") and not self._requests.release():
+            if page.may_move("the release of the emergency stop") and not self.requests.release():
                 ui.notify("the release was not sent: the robot's memory is full", type="negative")
 
         with ui.dialog() as dialog, ui.card():
             ui.label("Release the emergency stop? The robot holds until you drive, or press Go on.")
             with ui.row():
-                ui.button("Release", on_click=release, color="orange-10").props("id=confirm-release")
+                ui.button("Release", on_click=release, color="deep-orange-10").props("id=confirm-release")
                 ui.button("Keep it stopped", on_click=dialog.close)
         # It keeps its place while it is invisible, so that nothing else moves.
         again = ui.button("Release …", on_click=dialog.open).props("id=release-emergency-stop no-caps")

@@ -18,6 +18,10 @@ IN_FLIGHT_S = 0.5
 MAX_PRESSES = 256
 """Maximum number of remembered presses, waiting and settled."""
 MAX_NAME_LENGTH = 64
+SOON_S = 0.7
+"""A stop that is confirmed within this is not worth a word."""
+STALE_S = 1.0
+"""A base tells its state several times a second."""
 
 
 class PressState(StrEnum):
@@ -137,6 +141,23 @@ class StopRequests:
         """Call all listeners."""
         for listener in self._listeners:
             listener()
+
+
+def state_text(waits_s: float | None, is_engaged: bool | None, silent_s: float | None, why: str = "") -> str:
+    """Return the state of a robot's emergency stop for a page with several robots.
+
+    Args:
+        waits_s: how long a stop has not been confirmed; None: there is none.
+        is_engaged: what the base said last; None: nothing yet.
+        silent_s: how long ago that was.
+        why: why a stop may not be confirmed, if that is known.
+    """
+    if waits_s is not None:
+        return "stopping …" if waits_s < SOON_S else f"NOT CONFIRMED for {waits_s:.0f} s{why}"
+    if is_engaged is None or silent_s is None:
+        return "base silent"
+    text = "STOPPED" if is_engaged else "ready"
+    return text if silent_s <= STALE_S else f"base silent for {silent_s:.0f} s; before: {text}"
 
 
 def _shorten(presses: OrderedDict[str, float | None] | OrderedDict[str, PressState]) -> None:

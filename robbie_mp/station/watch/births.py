@@ -34,6 +34,10 @@ class Births:
         self.now_s = now_s
         self._is_real = is_real
 
+    def by_arrival(self) -> Births:
+        """Return those of messages with stamps of another robot's clock: they count from their arrival."""
+        return Births(self._clock, self.now_s, is_real=False)
+
     def of(self, latest: Latest[Any]) -> float | None:
         """Return when the newest message was measured, s; None before the first one."""
         if latest.message is None:

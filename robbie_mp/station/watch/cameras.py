@@ -10,11 +10,14 @@ from robbie_mp.bus.observe import ChannelFigures
 from robbie_mp.messages import CompressedImage, Detection2DArray, Image, Message
 from robbie_mp.module.envelope import MessageType
 from robbie_mp.module.module import MessageHandling
+from robbie_mp.station.fleet.topics import is_preview
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.latest import Latest, MessageSource
 from robbie_mp.station.watch.pictures import NewestPicture
 
 MAX_CAMERAS = 12
+MAX_PREVIEWS = 32
+"""Maximum number of other robots whose pictures are shown."""
 FRESH_NS = 500_000_000
 """Detections in an image are also drawn if it is older than the shown one by up to this time."""
 MAX_BOXES = 100
@@ -126,6 +129,8 @@ class Cameras:
         self._has_turned = has_turned
         self._births = births
         self.found: dict[str, CameraTopic] = {}
+        self.previews: dict[str, CameraTopic] = {}
+        """Small pictures of other robots, in the same way."""
         self.detections: dict[str, dict[str, Detection2DArray]] = {}
         self._by_topic: set[tuple[str, str]] = set()
         """The types and topics that have a subscription of their own."""
@@ -143,7 +148,7 @@ class Cameras:
         for channel in channels:
             key = (channel.type_name, channel.topic)
             of_type = sum(one[0] == channel.type_name for one in self._by_topic)
-            if channel.topic and key not in self._by_topic and of_type < MAX_CAMERAS:
+            if channel.topic and key not in self._by_topic and of_type < MAX_CAMERAS + MAX_PREVIEWS:
                 if channel.type_name == Detection2DArray.type_name:
                     self._subscribe(Detection2DArray, self._on_detections, channel.topic)
                 elif channel.type_name == Image.type_name:
@@ -155,7 +160,7 @@ class Cameras:
         self, message_type: type[MessageType], handler: Callable[[MessageType], None], topic: str
     ) -> None:
         self._by_topic.add((message_type.type_name, topic))
-        self._station.subscribe(message_type, handler, MessageHandling.KEEP_ONLY_NEWEST, topic=topic)
+        self._station.newest(message_type, topic).listen(handler)  # a panel may have the same subscription
 
     def _has_own(self, message_type: type[Message]) -> bool:
         return (message_type.type_name, self._station.envelope.topic) in self._by_topic
@@ -170,6 +175,9 @@ class Cameras:
 
     def _on_image(self, image: Image | CompressedImage) -> None:
         topic = self._station.envelope.topic or "image"
+        if is_preview(topic):
+            self._on_preview(topic, image)
+            return
         name = topic if isinstance(image, Image) else f"{topic}/compressed"
         camera = self.found.get(name)
         if camera is None:
@@ -182,6 +190,15 @@ class Cameras:
         if self._floor is not None:
             self._floor.see(name, image)
         camera.latest.put(image)
+
+    def _on_preview(self, topic: str, image: Image | CompressedImage) -> None:
+        """Keep the picture of another robot; its own is for the others."""
+        robot = topic.rpartition("/")[0]
+        if robot and topic not in self.previews and len(self.previews) < MAX_PREVIEWS:
+            births = None if self._births is None else self._births.by_arrival()
+            self.previews = {**self.previews, topic: CameraTopic(births)}
+        if topic in self.previews:
+            self.previews[topic].latest.put(image)
 
     def _on_detections(self, found: Detection2DArray) -> None:
         topic = self._station.envelope.topic or "image"
@@ -198,4 +215,4 @@ class Cameras:
 
     def pictures(self) -> dict[str, NewestPicture]:
         """Return the newest picture of each camera, for pages that show it."""
-        return {name: camera.picture for name, camera in self.found.items()}
+        return {name: camera.picture for name, camera in (self.found | self.previews).items()}

@@ -80,6 +80,7 @@ class Gate:
         connections: the connections on which the requests arrive.
         public: the address at which a proxy serves the page.
         identity: the robot's name and colour.
+        cookie: name of the cookie with the session.
 
     Attributes:
         foreign: number of requests that were refused because they came from pages of other sites.
@@ -92,9 +93,11 @@ class Gate:
         connections: Connections,
         public: PublicAddress | None = None,
         identity: Identity = ANY_ROBOT,
+        cookie: str = SESSION_COOKIE,
     ):
         self.foreign = 0
         self._identity = identity
+        self._cookie = cookie
         self._app = app
         self._access = access
         self._connections = connections
@@ -113,7 +116,7 @@ class Gate:
         if answer is not None:
             await answer(scope, receive, send)
             return
-        scope[SESSION] = visit.cookies[SESSION_COOKIE]
+        scope[SESSION] = visit.cookies[self._cookie]
         await self._app(scope, paced(receive) if is_socket(visit) else receive, send)
 
     async def _answer(self, visit: HTTPConnection, receive: Receive) -> App | None:
@@ -123,7 +126,7 @@ class Gate:
             return self._refuse_foreign(visit, shown(origin), shown(host))
         if not visit.scope["path"] and not is_socket(visit):
             return RedirectResponse(f"{self._public.path}/", 303)
-        session, path = visit.cookies.get(SESSION_COOKIE), visit.scope["path"]
+        session, path = visit.cookies.get(self._cookie), visit.scope["path"]
         if path in (LOGIN_PATH, LOGOUT_PATH) and not is_socket(visit):
             log = self._log_in if path == LOGIN_PATH else self._log_out
             return await log(visit, receive, session)
@@ -205,7 +208,7 @@ class Gate:
         response = RedirectResponse("./", 303)
         is_secure = self._is_secure(visit)
         response.set_cookie(
-            SESSION_COOKIE, session, path=None, secure=is_secure, httponly=True, samesite="strict"
+            self._cookie, session, path=None, secure=is_secure, httponly=True, samesite="strict"
         )
         return response
 
@@ -218,7 +221,7 @@ class Gate:
             self._connections.end(session)
         response = RedirectResponse("login", 303)
         # Starlette's `delete_cookie` names a path.
-        response.set_cookie(SESSION_COOKIE, max_age=0, path=None, httponly=True, samesite="strict")
+        response.set_cookie(self._cookie, max_age=0, path=None, httponly=True, samesite="strict")
         return response
 
 

@@ -12,9 +12,14 @@ from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse, Response
 
 from robbie_mp.messages import OccupancyGrid
+from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.trace.log_limit import limited
 from robbie_mp.station.context import context_of
 from robbie_mp.station.driving.driver import Driver
+from robbie_mp.station.fleet.robots import OtherRobots
+from robbie_mp.station.fleet.stop_all import StopAll
+from robbie_mp.station.fleet.summary import SummaryTeller
+from robbie_mp.station.fleet.topics import has_team
 from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
 from robbie_mp.station.page import first_paint
@@ -36,7 +41,7 @@ from robbie_mp.station.past.passing import with_clip_player
 from robbie_mp.station.past.snapshots import Snapshots
 from robbie_mp.station.stop.emergency_stop import EmergencyStopControl
 from robbie_mp.station.web.connections import bounded_connections
-from robbie_mp.station.web.gate import SESSION, App, Gate, below, with_forwarded
+from robbie_mp.station.web.gate import SESSION, SESSION_COOKIE, App, Gate, below, with_forwarded
 from robbie_mp.station.web.page_events import PageEvents, with_known_packets
 from robbie_mp.station.web.page_limit import with_page_limit
 from robbie_mp.station.web.proxy import public_address
@@ -118,6 +123,13 @@ def layouts_of(station: StationContext, panels: Sequence[str]) -> LayoutCollecti
     return LayoutCollection(layouts, panels, file, station.log, upright)
 
 
+def team_of(module: StationModule, name: str) -> OtherRobots | None:
+    """Return the other robots; None if no link of this one tells their topics from its own."""
+    if not has_team(RunPlan.load(module.known_run.folder)):
+        return None
+    return OtherRobots(module, module.clock, module.publish, name)
+
+
 class Website:
     """The page of a station and its server.
 
@@ -130,12 +142,14 @@ class Website:
     def __init__(self, module: StationModule, access: Access, listener: socket.socket):
         self._module, self._access = module, access
         self._identity = identity_of(module)
-        self._context = station = context_of(module)
+        self._context = station = context_of(module, team_of(module, self._identity.name))
         grid = station.messages.newest(OccupancyGrid, station.settings.map_topic)
         self._map = LiveMap(grid, station.live)
         panels, titles = make_panels(station)
         self._panels = [*panels.values()]
-        self._strip = StateStrip(station, self._panels)
+        team = station.team
+        self._strip = StateStrip(station, self._panels, is_always_wanted=team is not None)
+        self._teller: SummaryTeller | None = None
         past = station.settings.past_of
         self._emergency_stop = EmergencyStopControl(
             station.messages,
@@ -144,6 +158,8 @@ class Website:
             can_release=not past,
             log_source=module.log_source,
         )
+        if team is not None:
+            self._tell_team(team)
         known = station.run.known
         RunFiles(known.folder, station.run.output_directory, known.record.profile if known.record else "")
         parts = self._parts([(panels[name], title or panels[name].title) for name, title in titles.items()])
@@ -152,9 +168,20 @@ class Website:
         public = public_address(station.settings.public_address)
         behind = self._beside_pages(below(public.path, page_application()))
         behind = with_clip_player(behind, station.run.player, access)
-        self._gate = Gate(behind, access, connections, public, self._identity)
+        # Browsers send cookies to all ports of a host, on which other robots may have their pages.
+        port = listener.getsockname()[1]
+        cookie = SESSION_COOKIE if public.origin else f"{SESSION_COOKIE}_{port}"
+        self._gate = Gate(behind, access, connections, public, self._identity, cookie)
         outside = with_forwarded(self._gate, station.settings.trusted_proxies)
         self._server = PageServer(outside, listener, connections)
+
+    def _tell_team(self, team: OtherRobots) -> None:
+        """Let pages stop all robots, and tell the others how this one is."""
+        stop, module = self._emergency_stop, self._module
+        stop.service.team = StopAll(stop.requests, lambda: stop.state_text, team)
+        self._teller = SummaryTeller(
+            self._context, team, self._strip, self._identity, lambda: module.page_address, module.publish
+        )
 
     def _parts(self, titled: Sequence[tuple[Panel, str]]) -> PageParts:
         station, strip = self._context, self._strip
@@ -264,7 +291,11 @@ class Website:
         self._strip.tick()
         for panel in self._panels:
             panel.tick()
-        if self.open_pages:
+        team = self._context.team
+        if team is not None and self._teller is not None:
+            team.tick()
+            self._teller.tick()
+        if self.open_pages or team is not None:
             self._context.run.figures.tick()
             if (reading := self._context.run.figures.reading) is not None:
                 self._context.robot.cameras.tick(reading.channels)
@@ -275,6 +306,8 @@ class Website:
         self._server.close()
         self._context.run.player.close()
         self._context.run.recorder.close()
+        if self._teller is not None:
+            self._teller.close()
         for panel in self._panels:
             panel.close()
         self._context.run.figures.close()

@@ -23,7 +23,16 @@ from robbie_mp.connect.link.receiving import Arrived, Fate
 from robbie_mp.connect.link.sending import Item
 from robbie_mp.connect.link.traffic import TrafficClass
 from robbie_mp.connect.link.wire import Endpoints, open_session
-from robbie_mp.messages import CompressedImage, EmergencyStop, Image, LinkState, Message, Odometry, String, replace
+from robbie_mp.messages import (
+    CompressedImage,
+    EmergencyStop,
+    Image,
+    LinkState,
+    Message,
+    Odometry,
+    String,
+    replace,
+)
 
 LINK_ALONE = """
 import json, sys

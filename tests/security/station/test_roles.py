@@ -128,5 +128,7 @@ def test_page_unknown_to_a_restarted_station_is_reloaded(station: Station) -> No
 def test_session_of_a_replaced_token_gets_no_connection(station: Station) -> None:
     document = station.operator().open()
     with pytest.raises(Exception, match="403"):  # noqa: SIM117
-        with replace(station.stranger(), cookie="robbie_session=guessed").connect(document.query):
+        with replace(station.stranger(), cookie=f"robbie_session_{station.port}=guessed").connect(
+            document.query
+        ):
             pass

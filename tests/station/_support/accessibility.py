@@ -40,6 +40,27 @@ OPEN = """(id) => {
 CLOSE = "(id) => ((own) => (own.hide ? own : own.$.subTree.component.proxy).hide())(getElement(id))"
 DIALOG = ".q-dialog__inner"
 POPUP = f".q-menu, {DIALOG}"
+FAINT = """(where) => {
+  const numbers = (colour) => (colour.match(/[\\d.]+/g) ?? []).map(Number);
+  const is_seen = (colour) => (numbers(colour)[3] ?? 1) > 0.99;
+  const light = (colour) => numbers(colour).slice(0, 3).map((one) => one / 255)
+    .map((one) => (one <= 0.04045 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, one, at) => sum + one * [0.2126, 0.7152, 0.0722][at], 0);
+  const behind = (one) => {
+    while (one && !is_seen(getComputedStyle(one).backgroundColor)) one = one.parentElement;
+    return one ? getComputedStyle(one).backgroundColor : "rgb(255, 255, 255)";
+  };
+  const has_text = (one) => [...one.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+  return [...document.querySelectorAll(`${where} *`)]
+    .filter((one) => has_text(one) && one.checkVisibility() && !one.closest("[disabled], .disabled"))
+    .map((one) => {
+      const [low, high] = [light(getComputedStyle(one).color), light(behind(one))].sort((x, y) => x - y);
+      const contrast = (high + 0.05) / (low + 0.05);
+      return [contrast, one.textContent.trim().slice(0, 60), getComputedStyle(one).color, behind(one)];
+    }).filter(([contrast]) => contrast < 4.5)
+    .map(([contrast, ...about]) => `contrast ${contrast.toFixed(2)}: ${about.join(", ")}`);
+}"""
+"""Texts whose contrast is below that of WCAG 2 AA, for dialogs: axe-core measures the page behind them."""
 OPENERS = """(where) => [...document.querySelectorAll(`${where} :is([aria-expanded=false], [aria-haspopup])`)]
   .filter((one) => one.offsetParent).map((one) => {
     window.openers = (window.openers ?? 0) + (one.dataset.opener ? 0 : 1);
@@ -150,8 +171,10 @@ class Walk:
             self._popups.add(popup)
             known = page.evaluate(OPEN, popup)
             page.wait_for_selector(POPUP)
-            # In the light look, axe-core measures the page behind a dialog, and not its card.
-            if self._options != CONTRAST or not page.locator(DIALOG).count():
+            if self._options == CONTRAST and page.locator(DIALOG).count():
+                page.wait_for_function(IS_STILL)
+                yield from (f"{name}, {known or popup}: {one}" for one in page.evaluate(FAINT, DIALOG))
+            else:
                 yield from self._checked(f"{name}, {known or popup}", POPUP)
             page.evaluate(CLOSE, popup)
             page.wait_for_selector(POPUP, state="detached")

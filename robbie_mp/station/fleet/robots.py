@@ -1,0 +1,143 @@
+"""The other robots of the team, as far as the link tells of them, and stops that they have not confirmed."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import TYPE_CHECKING
+
+from robbie_mp.messages import (
+    EmergencyStop,
+    LinkPeer,
+    LinkState,
+    OperatorRequest,
+    RobotSummary,
+)
+from robbie_mp.station.context import header_of_now
+from robbie_mp.station.fleet.topics import SUMMARY
+from robbie_mp.station.stop.emergency_stop import REQUEST_TOPIC as STOP_TOPIC
+from robbie_mp.station.stop.emergency_stop import STATE_TOPIC
+from robbie_mp.station.stop.requests import StopRequests, state_text
+
+if TYPE_CHECKING:
+    from robbie_mp.module.clock import Clock
+    from robbie_mp.station.module import Publish
+    from robbie_mp.station.watch.latest import MessageSource
+
+MAX_ROBOTS = 32
+STALE_S = 2.0
+"""A robot that has told nothing for this time is shown as stale."""
+LINK_STALE_S = 3.0
+"""A link tells its state once a second."""
+STOPPED_BY = "all robots were stopped by hand on the page of {}"
+HOLD_TOPIC = "operator_request"
+
+
+class OtherRobot:
+    """One other robot.
+
+    Args:
+        name: its name at the link.
+        messages: source of what it tells.
+        clock: tells the time.
+        publish: sends to it.
+        by: the name of this robot.
+    """
+
+    def __init__(self, name: str, messages: MessageSource, clock: Clock, publish: Publish, by: str):
+        self.name = name
+        self._messages, self._clock, self._publish, self._by = messages, clock, publish, by
+        self.summary = messages.newest(RobotSummary, f"{name}/{SUMMARY}")
+        self._stop = messages.newest(EmergencyStop, f"{name}/{STATE_TOPIC}")
+        self.peer = LinkPeer(robot=name)
+        self.is_up = False
+        self._stop_heard_s: float | None = None
+        self._waits_in_link = False
+        self._stop.listen(self._see)
+        self.requests = StopRequests(self._send)
+
+    def note(self, peer: LinkPeer, *, is_known: bool) -> None:
+        """Note what the link says of it; `is_known`: whether the link itself is heard."""
+        self.peer, self.is_up = peer, peer.is_up and is_known
+        if self.is_up:
+            self._waits_in_link = False
+
+    @property
+    def age_s(self) -> float | None:
+        """Age of what it has told last, with the time that this was under way; None: nothing yet."""
+        age_s, trip_s = self.summary.age_s, self.peer.round_trip_s
+        return None if age_s is None else age_s + (trip_s / 2 if trip_s > 0 else 0.0)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether nobody knows how it is now."""
+        age_s = self.age_s
+        return age_s is None or age_s > STALE_S or not self.is_up
+
+    @property
+    def stop_state(self) -> str:
+        """The state of its emergency stop, in words; NOT CONFIRMED while it has not confirmed a stop."""
+        state, heard_s = self._stop.message, self._stop_heard_s
+        return state_text(
+            self.requests.waits_s,
+            None if state is None else state.engaged,
+            None if heard_s is None else time.monotonic() - heard_s,
+            "" if self.is_up else ": no link",
+        )
+
+    def hold(self) -> bool:
+        """Order it to stand until it is told to go on. Any thread may call this."""
+        return self._publish(OperatorRequest(wish=OperatorRequest.HOLD), topic=f"{self.name}/{HOLD_TOPIC}")
+
+    def _send(self, engaged: bool) -> bool:
+        """Send a stop to its base. Without a link, one waits in the link, which delivers it first."""
+        if self._waits_in_link:
+            return False
+        message = EmergencyStop(
+            header=header_of_now(self._clock), engaged=engaged, reason=STOPPED_BY.format(self._by)
+        )
+        is_sent = self._publish(message, topic=f"{self.name}/{STOP_TOPIC}")
+        self._waits_in_link = is_sent and not self.is_up
+        return is_sent
+
+    def _see(self, state: EmergencyStop) -> None:
+        self._stop_heard_s = time.monotonic()
+        published_s = self._messages.envelope.published_ns / 1e9
+        trip_s = self.peer.round_trip_s
+        # It may have been under way since before the stop was sent.
+        was_told_s = published_s - (trip_s if trip_s > 0 else 0.0)
+        self.requests.see(engaged=state.engaged, published_s=was_told_s)
+
+
+class OtherRobots:
+    """All other robots that the link has met; none is ever forgotten.
+
+    Args:
+        messages: source of what they tell.
+        clock: tells the time.
+        publish: sends to them.
+        own_name: the name of this robot.
+    """
+
+    def __init__(self, messages: MessageSource, clock: Clock, publish: Publish, own_name: str):
+        self._messages = messages
+        self._link = messages.newest(LinkState)
+        self._make = partial(OtherRobot, messages=messages, clock=clock, publish=publish, by=own_name)
+        self.all: dict[str, OtherRobot] = {}
+        """By their names at the link. The dict is replaced and never changed, because pages read it."""
+        self.own: RobotSummary | None = None
+        """What this robot tells the others."""
+        self.own_camera = ""
+        """The camera whose pictures the others see; '' before the first picture."""
+
+    def tick(self) -> None:
+        """Notice new robots, and repeat stops; called in the module's thread."""
+        state = self._link.message
+        is_known = (self._link.age_s or 0.0) < LINK_STALE_S
+        for peer in () if state is None else state.peers:
+            if peer.robot not in self.all and len(self.all) < MAX_ROBOTS:
+                self.all = {**self.all, peer.robot: self._make(peer.robot)}
+            if peer.robot in self.all:
+                self.all[peer.robot].note(peer, is_known=is_known)
+        for robot in self.all.values():
+            robot.requests.repeat()
