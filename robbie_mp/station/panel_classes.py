@@ -23,6 +23,7 @@ FRAMEWORK_PANELS = {
     "devices": "robbie_mp.station.panels.devices:DevicesPanel",
     "plots": "robbie_mp.station.panels.plots:PlotsPanel",
     "happened": "robbie_mp.station.panels.happened:HappenedPanel",
+    "timeline": "robbie_mp.station.panels.time_line:TimeLinePanel",
     "trace": "robbie_mp.station.panels.trace:TracePanel",
     "messages": "robbie_mp.station.panels.messages:MessagesPanel",
 }

@@ -62,7 +62,7 @@ class MessageForm:
             self._rate = ui.input("times a second", value="1").classes("w-32").props("for=compose-rate")
             self._begin_button = ui.button("Send at this rate", icon="repeat", on_click=self._begin)
             self._begin_button.props("id=compose-begin")
-            self._end_button = ui.button("Stop sending", icon="stop", color="orange-10")
+            self._end_button = ui.button("Stop sending", icon="stop", color="deep-orange-10")
             self._end_button.on_click(lambda: self._end("by hand")).props("id=compose-end")
             self._result = ui.label("").props("id=compose-result role=status")
         self._repeated: Message | None = None

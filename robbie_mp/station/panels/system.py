@@ -137,7 +137,7 @@ class ModuleButtons:
         with ui.dialog() as self._dialog, ui.card():
             self._question = ui.label()
             with ui.row():
-                ui.button("Yes", on_click=self._give, color="orange-10").props("id=confirm-order")
+                ui.button("Yes", on_click=self._give, color="deep-orange-10").props("id=confirm-order")
                 ui.button("No", on_click=self._dialog.close)
         self.choose([])
 
