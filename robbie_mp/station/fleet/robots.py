@@ -8,16 +8,15 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.messages import (
     EmergencyStop,
+    Header,
     LinkPeer,
     LinkState,
     OperatorRequest,
     RobotSummary,
+    Time,
 )
-from robbie_mp.station.context import header_of_now
 from robbie_mp.station.fleet.topics import SUMMARY
-from robbie_mp.station.stop.emergency_stop import REQUEST_TOPIC as STOP_TOPIC
-from robbie_mp.station.stop.emergency_stop import STATE_TOPIC
-from robbie_mp.station.stop.requests import StopRequests, state_text
+from robbie_mp.station.stop.requests import REQUEST_TOPIC, STATE_TOPIC, StopRequests, state_text
 
 if TYPE_CHECKING:
     from robbie_mp.module.clock import Clock
@@ -94,9 +93,11 @@ class OtherRobot:
         if self._waits_in_link:
             return False
         message = EmergencyStop(
-            header=header_of_now(self._clock), engaged=engaged, reason=STOPPED_BY.format(self._by)
+            header=Header(stamp=Time.from_nanoseconds(self._clock.now_ns())),
+            engaged=engaged,
+            reason=STOPPED_BY.format(self._by),
         )
-        is_sent = self._publish(message, topic=f"{self.name}/{STOP_TOPIC}")
+        is_sent = self._publish(message, topic=f"{self.name}/{REQUEST_TOPIC}")
         self._waits_in_link = is_sent and not self.is_up
         return is_sent
 

@@ -12,7 +12,7 @@ from nicegui.element import Element
 from robbie_mp.messages import EmergencyStop
 from robbie_mp.station.context import header_of_now
 from robbie_mp.station.stop.connection import StopService
-from robbie_mp.station.stop.requests import StopRequests, state_text
+from robbie_mp.station.stop.requests import REQUEST_TOPIC, STATE_TOPIC, StopRequests, state_text
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from robbie_mp.station.page.page import Page
     from robbie_mp.station.watch.latest import MessageSource
 
-REQUEST_TOPIC = "emergency_stop"
-STATE_TOPIC = "emergency_stop_state"
 STOPPED_BY = "stopped by hand on the operator's page"
 RELEASED_BY = "released by hand on the operator's page"
 RELEASE_PERIOD_S = 0.25

@@ -9,6 +9,8 @@ from collections.abc import Callable
 
 from strenum import StrEnum
 
+REQUEST_TOPIC = "emergency_stop"
+STATE_TOPIC = "emergency_stop_state"
 REPEAT_S = 0.2
 """A stop that the base has not confirmed is sent again after this time."""
 MIN_INTERVAL_S = 0.05

@@ -3,7 +3,7 @@
 import numpy as np
 
 from robbie_mp import Module, setting
-from robbie_mp.messages import EmergencyStop, Header, Image, Point, Pose, PoseStamped
+from robbie_mp.messages import EmergencyStop, Header, Image, Point, Pose, PoseStamped, replace
 
 
 class Changing(Module):
@@ -21,10 +21,8 @@ class Changing(Module):
 
     def tick(self) -> None:
         data = np.full(32 * 32, self.grey, np.uint8)
-        header = Header(stamp=self.now())
-        self.publish(
-            Image(header=header, height=32, width=32, encoding="mono8", step=32, data=data), topic="eye"
-        )
+        image = Image(height=32, width=32, encoding="mono8", step=32, data=data)
+        self.publish(replace(image, header=Header(stamp=self.now())), topic="eye")
         pose = Pose(position=Point(x=self.grey / 100, y=2.0))
         at = Header(stamp=self.now(), frame_id="map")
         self.publish(PoseStamped(header=at, pose=pose), topic="map_pose")
