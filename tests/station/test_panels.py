@@ -47,6 +47,7 @@ modules:
       objects: [cup]
   known: {class: "zoo.known_robot:KnownRobot"}
   fragile: {class: "zoo.known_robot:Fragile"}
+  link: {class: "robbie_mp.connect.link.module:Link", settings: {robot: red, listen: [], prefix_topics: true}}
   arm:
     class: robbie_robots.modules.devices.joints:SimulatedJointsModule
     settings: {names: [wrist], period_s: 0.1}

@@ -6,6 +6,7 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING
 
+from robbie_mp.connect.link.header import ROBOT_NAME
 from robbie_mp.messages import (
     EmergencyStop,
     Header,
@@ -136,7 +137,8 @@ class OtherRobots:
         state = self._link.message
         is_known = (self._link.age_s or 0.0) < LINK_STALE_S
         for peer in () if state is None else state.peers:
-            if peer.robot not in self.all and len(self.all) < MAX_ROBOTS:
+            is_new = peer.robot not in self.all and len(self.all) < MAX_ROBOTS
+            if is_new and ROBOT_NAME.fullmatch(peer.robot):
                 self.all = {**self.all, peer.robot: self._make(peer.robot)}
             if peer.robot in self.all:
                 self.all[peer.robot].note(peer, is_known=is_known)

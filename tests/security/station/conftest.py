@@ -34,6 +34,7 @@ modules:
       speech_commands: [come here]
       panels: ["robbie_robots.modules.rescue.station.mission_panel:MissionPanel"]
   listener: {class: "zoo.listener:Listener"}
+  link: {class: "robbie_mp.connect.link.module:Link", settings: {robot: red, listen: [], prefix_topics: true}}
   rescuer: {class: "zoo.rescuer:Rescuer"}
   known: {class: "zoo.known_robot:KnownRobot"}
   stage: {class: "zoo.stage:Stage"}

@@ -50,6 +50,7 @@ modules:
   known: {class: "zoo.known_robot:KnownRobot"}
   fragile: {class: "zoo.known_robot:Fragile"}
   rescuer: {class: "zoo.rescuer:Rescuer"}
+  link: {class: "robbie_mp.connect.link.module:Link", settings: {robot: red, listen: [], prefix_topics: true}}
   base: {class: "robbie_robots.modules.devices.base:SimulatedBase", settings: {arena: arena.yaml}}
   battery:
     class: robbie_robots.modules.devices.battery:SimulatedBatteryModule
