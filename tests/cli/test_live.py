@@ -196,7 +196,11 @@ def sums_up_rates(person: Person) -> None:
 
 
 def plots(person: Person) -> None:
-    drawn = person.types("plot", "wheels.header.stamp.sec", "--once", "--window", "1s")
+    for words, window_s in ([], 1), (["--window", "2s"], 2):
+        drawn = person.types("plot", "wheels.header.stamp.sec", "--once", *words)
+        assert person.errors == f"({window_s} s; --window TIME for another time)\n"
+        times_s = [float(one) for one in drawn.splitlines()[-3].split()]
+        assert times_s[-1] >= window_s and times_s[-1] - times_s[0] == pytest.approx(window_s, abs=0.02)
     assert "wheels.header.stamp.sec  " in drawn and "┤" in drawn
     # On a terminal, until Ctrl-C.
     controller, terminal = pty.openpty()

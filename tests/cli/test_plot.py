@@ -8,7 +8,6 @@ import pytest
 
 from robbie_mp.attached.views.series import MOST_POINTS, PlotSeries
 from robbie_mp.cli import main
-from robbie_mp.cli.plot import ONCE_S, WINDOW_S
 from robbie_mp.messages import Odometry, Point, Pose, PoseWithCovariance, String
 from tests._support.robot import COMMAND
 from tests.logs.recording._support.logs import START_NS, STEP_NS, LogFile
@@ -94,10 +93,6 @@ def test_missing_library_is_reported_with_advice(
     monkeypatch.setitem(__import__("sys").modules, library, None)
     assert main(["plot", X, "--recording", str(recording), *words]) == 1
     assert "`pip install matplotlib 'plotext<6'`" in capsys.readouterr().err
-
-
-def test_live_chart_and_a_single_one_show_their_own_times() -> None:
-    assert (WINDOW_S, ONCE_S) == (30.0, 1.0)
 
 
 def test_long_series_is_thinned_out_evenly() -> None:

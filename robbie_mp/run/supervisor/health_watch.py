@@ -54,6 +54,8 @@ PROBLEMS = {"drops": _drops, "refused": _refused, "copies": _copies, "ticks": _m
 """What a module's figures may show. Each returns what went wrong between two moments; '' if nothing did."""
 
 SLOW = {"copies", "ticks"}
+ENDING = ("tick", "handler")
+"""The activities that should end soon."""
 
 
 class _Watched:
@@ -74,6 +76,9 @@ class _Watched:
         self._window: deque[tuple[float, ModuleFigures]] = deque()
         self._began: dict[str, ModuleFigures] = {}
         """For each present problem: the figures before it."""
+        self._busy_since_ns = 0
+        self._busy_seen_s = 0.0
+        """When its present activity was first seen."""
 
     def look(self, now_s: float, now: ModuleFigures) -> None:
         """Judge its figures."""
@@ -90,6 +95,7 @@ class _Watched:
             self.fails_since_s = now_s
         for cause, problem in PROBLEMS.items():
             self._update(cause, problem, self._window[0][1], now)
+        self._judge_activity(now_s, now)
         self.reason = now.health
 
     def forget(self) -> None:
@@ -99,6 +105,17 @@ class _Watched:
         self._health.clear()
         self.reason = ""
         self.fails_since_s = None
+
+    def _judge_activity(self, now_s: float, now: ModuleFigures) -> None:
+        """Say when a tick or handler does not end."""
+        if now.busy_since_ns != self._busy_since_ns:
+            self._busy_since_ns, self._busy_seen_s = now.busy_since_ns, now_s
+        busy_s = now_s - self._busy_seen_s
+        if now.busy_since_ns and busy_s >= WINDOW_S and now.activity in ENDING:
+            what_runs = f"handler {now.handler}" if now.handler else now.activity
+            self._health.degrade("stuck", f"its {what_runs} has not ended for {busy_s:.0f} s")
+        else:
+            self._health.recover("stuck")
 
     def _update(
         self,

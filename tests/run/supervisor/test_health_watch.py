@@ -80,6 +80,19 @@ def test_a_few_missed_ticks_are_no_trouble_and_many_are() -> None:
     assert not watch.said, "its ticks wait for a device"
 
 
+def test_tick_that_does_not_end_is_one_line_and_does_not_fail_the_run() -> None:
+    watch = Watch()
+    watch.figures = replace(watch.figures, busy_since_ns=7, activity="tick", handler="")
+    watch.pass_s(round(WINDOW_S))
+    assert not watch.said
+    watch.pass_s(10)
+    assert watch.said == ["DEGRADED: its tick has not ended for 5 s"]
+    assert watch.shown == "its tick has not ended for 14 s"
+    assert not watch.watch.lasting
+    watch.pass_s(10, lambda one: replace(one, busy_since_ns=one.busy_since_ns + 1))  # short ones
+    assert watch.said[1:] == ["OK again (it was: its tick has not ended for 14 s)"]
+
+
 @pytest.mark.parametrize(("change", "fails"), [(dropping, True), (missing_ticks, False)])
 def test_slow_module_does_not_fail_the_run_and_one_that_drops_messages_does(
     change: Callable[[ModuleFigures], ModuleFigures], fails: bool
