@@ -201,7 +201,8 @@ def test_killed_supervisor_leaves_a_clip_for_the_next_command(robot: Robot) -> N
 
 
 def test_full_account_of_a_run_is_in_its_last_line(robot: Robot) -> None:
-    process = start(robot)
+    # On a busy machine, images fill the queue of the black box before it is read, and triggers are missed.
+    process = start(robot, PROFILE.replace('  camera: {class: "acts:Camera"}\n', ""))
     wait_until(lambda: scans_seen(robot) > 100)
     assert robot.command("mark", "at the end").returncode == 0
     process.send_signal(signal.SIGINT)
