@@ -3,10 +3,11 @@
 With `--exhaustive`, 500 times; `-s` shows the figures.
 """
 
+import math
 import os
 import random
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -61,8 +62,8 @@ class Killer:
         self._distribution, self._domain, self._stack = distribution, domain, stack
         self.deaths: Counter[str] = Counter()
         self.nodes = 0
-        self.without_core: list[tuple[float, float]] = []
-        """When the core was dead: until its next process runs, no message can come to anybody."""
+        self.dead: dict[str, list[tuple[float, float]]] = defaultdict(list)
+        """When each was dead. Until the next process of the core runs, no message can come to anybody."""
         self._core_rests_until_s = 0.0
         self.node = self._start_node()
 
@@ -76,12 +77,17 @@ class Killer:
     def kill(self, victim: str) -> None:
         """Kill, and wait until it runs again."""
         self.deaths[victim] += 1
+        killed_s = time.monotonic()
         if victim == "node":
             self.node.kill()
             self.node = self._start_node()
-            return
+        else:
+            self._kill_process(victim)
+        self.dead[victim].append((killed_s, time.monotonic()))
+
+    def _kill_process(self, victim: str) -> None:
         name = "shell" if victim == "child" else victim
-        before, killed_s = self.robot.top()[name], time.monotonic()
+        before = self.robot.top()[name]
         if victim == "child":
             kill(child_of(before["pid"]))
         else:
@@ -89,8 +95,6 @@ class Killer:
         if victim == "core":
             self._core_rests_until_s = time.monotonic() + CORE_REST_S
         self.robot.until(lambda top: top[name]["pid"] != before["pid"] and top[name]["state"] == "RUNNING")
-        if victim == "core":
-            self.without_core.append((killed_s, time.monotonic()))
 
     def victims(self) -> list[str]:
         """Return what may die now."""
@@ -132,7 +136,7 @@ def p99_ms(
         counts |= (at_s >= begin_s) & (at_s < end_s)
     for begin_s, end_s in but:
         counts &= (at_s < begin_s) | (at_s - late_s > end_s)
-    return 1e3 * float(np.percentile(late_s[counts], 99))
+    return 1e3 * float(np.percentile(late_s[counts], 99)) if counts.any() else math.nan
 
 
 @pytest.fixture(params=WHEELS)
@@ -173,7 +177,8 @@ def test_each_request_gets_one_reply_or_one_error_whichever_process_dies(
 
     quiet = p99_ms(journal, [(quiet_s, began_s)])
     busy = p99_ms(journal, [(began_s, ended_s)])
-    with_core = p99_ms(journal, [(began_s, ended_s)], killer.without_core)
+    with_core = p99_ms(journal, [(began_s, ended_s)], killer.dead["core"])
+    each = {victim: f"{p99_ms(journal, times):.0f} ms" for victim, times in killer.dead.items() if times}
     came_back, wrong = map(int, robot.top()["camera"]["status"].split())
     counted = Counter(
         (kind, found[-1]) for (kind, number), found in events(caller).items() if int(number) <= asked
@@ -191,6 +196,7 @@ def test_each_request_gets_one_reply_or_one_error_whichever_process_dies(
     print(f"\ndeaths: {dict(killer.deaths)} in {ended_s - began_s:.0f} s; requests: {dict(counted)}")
     print(f"images back: {came_back}; p99 of neighbours: {quiet:.2f} ms, then {busy:.2f} ms")
     print(f"p99 while there was a core: {with_core:.2f} ms, {with_core / quiet:.2f} x")
+    print(f"p99 while each was dead: {each}")
     # A node has one request of each kind at a time, so its death cuts off no more.
     assert all(count <= 1 for count in cut_off.values())
     assert not wrong

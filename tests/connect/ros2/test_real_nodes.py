@@ -287,9 +287,11 @@ def test_busy_node_goes_on_when_a_message_of_which_it_has_parts_is_gone(ros: Ros
     def send_no_data(to: bytes, parts: list[bytes]) -> None:
         send(to, [one for one in parts if one[0] not in (wire.DATA, wire.DATA_FRAG)])
 
-    writer.write(image)
+    with peer.lock:
+        writer.write(image)
     wait_until(lambda: node.run("result = got['sizes']") == [180_000])
-    writer.write(image)  # it waits: the node is busy with the first one
+    with peer.lock:
+        writer.write(image)  # it waits: the node is busy with the first one
     wait_until(lambda: writer.readers[reader].acknowledged == 2)
     with peer.lock:
         writer.send = lambda to, parts: send(to, parts[:1])
