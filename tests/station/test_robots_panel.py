@@ -83,6 +83,12 @@ def each_robot_is_shown(page: Page) -> None:
         page.wait_for_selector(f"{card} .robot-battery:text-is('80%')")
         page.wait_for_function(f'document.querySelector("{card} img")?.naturalWidth === 64')
         assert not page.locator(f"{card} .robot-stale").count()
+        age, picture = (
+            page.locator(f"{card} {one}").bounding_box() for one in (".picture-age", ".robot-picture")
+        )
+        assert age
+        assert picture
+        assert age["y"] + age["height"] <= picture["y"] + picture["height"]  # and not cut off
     page.wait_for_selector(f"{STOP_ALL}:text-is('0 of 2 are STOPPED')")
 
 

@@ -1,4 +1,6 @@
-"""A module with a camera whose pictures are as large as those of a real one that turns in a room."""
+"""A module whose camera has pictures as large as those of a real one, which show when they were taken."""
+
+import time
 
 import numpy as np
 
@@ -9,10 +11,16 @@ HEIGHT, WIDTH = 480, 640
 PANORAMA = 3 * WIDTH
 STEP_PX = 8
 SHAPES, NOISE = 240, 6.0
+CODE_BITS = 16
+CODE_HEIGHT = WIDTH // CODE_BITS
+"""The time code is a row of squares at the top: the machine's monotonic time, ms, lowest bit at the left."""
 
 
 class MovingCamera(Module):
-    """Publishes pictures of a scene that passes by: boxes of all sizes and colours, and a sensor's noise."""
+    """Publishes pictures of a scene that passes by: boxes of all sizes and colours, and a sensor's noise.
+
+    At the top is the time at which each was taken, in black and white, so that a test reads its true age.
+    """
 
     period_s = 0.1
 
@@ -32,6 +40,9 @@ class MovingCamera(Module):
         """Publish the next picture."""
         self.left_px = (self.left_px + STEP_PX) % (PANORAMA - WIDTH)
         pixels = np.ascontiguousarray(self.scene[:, self.left_px : self.left_px + WIDTH])
+        now_ms = time.monotonic_ns() // 1_000_000
+        bits = np.array([255 * (now_ms >> bit & 1) for bit in range(CODE_BITS)], np.uint8)
+        pixels[:CODE_HEIGHT] = np.repeat(bits, WIDTH // CODE_BITS)[None, :, None]
         image = Image(
             header=Header(stamp=self.now(), frame_id="camera_optical"),
             height=HEIGHT,
