@@ -24,6 +24,7 @@ from playwright.sync_api import Browser, Page
 from tools.operator.chromium import CHROMIUM, chromium
 from tools.operator.moving_camera import CODE_BITS, CODE_HEIGHT
 from tools.operator.scene import TOKEN, Scene
+from tools.robot import stopping
 from tools.test_network.network import Host, Network, NetworkConditions
 
 CAMERA = {"moving_camera": {"class": "tools.operator.moving_camera:MovingCamera"}}
@@ -123,7 +124,7 @@ def stage(folder: Path) -> Iterator[tuple[Network, Scene, Browser]]:
     with ExitStack() as stack:
         network = stack.enter_context(Network("robot", "laptop"))
         scene = Scene(folder / "page", None, CAMERA, on_host=network.host("robot").command())
-        stack.callback(scene.close)
+        stack.enter_context(stopping(scene.robot))
         scene.begin()
         starter = folder / "chromium"
         on_laptop = shlex.join(network.host("laptop").command())
