@@ -15,7 +15,7 @@ PYTEST := .venv/bin/python -m pytest
 export PYTHONDONTWRITEBYTECODE :=
 
 # What the installation compiles: a change of it, or of what is installed, installs again.
-INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/bus/_hot/*.[ch])
+INSTALLED := pyproject.toml setup.py $(wildcard robbie_mp/bus/_hot/*.[ch] robbie_mp/bus/_hot/*.p[xy][ix])
 
 .PHONY: demo team test test-all test-slow test-alone test-exhaustive test-pure test-arm64 wheels ros lint types docs bench clean
 

@@ -1,10 +1,11 @@
-"""Builds the hot path in C. Without a compiler, Robbie-MP does the same in Python."""
+"""Builds the hot path in C and Cython. Without a compiler, Robbie-MP does the same in Python."""
 
 import os
 import runpy
 import shutil
 import sys
 import sysconfig
+from importlib.util import find_spec
 from pathlib import Path
 
 from setuptools import Extension, setup
@@ -31,8 +32,12 @@ class BuildHotPath(build_ext):
         try:
             if lack := self.what_is_missing():
                 raise CCompilerError(lack)
+            made = Path(self.build_temp, "native.c")
+            made.parent.mkdir(parents=True, exist_ok=True)
+            sources["write_c"](FOLDER, made, *(["-Werror"] if STRICT else []))
+            ext.sources = [*ext.sources, str(made)]
             super().build_extension(ext)
-        except (BaseError, CCompilerError) as error:
+        except (BaseError, CCompilerError, RuntimeError) as error:
             if STRICT:
                 raise
             reason = " ".join(str(error).split())
@@ -46,6 +51,8 @@ class BuildHotPath(build_ext):
         header = Path(sysconfig.get_path("include"), "Python.h")
         if not header.is_file():
             return f"the headers of Python are not installed ({header}); install python3-dev"
+        if find_spec("Cython") is None:
+            return "Cython is not installed; install it with pip (pip install cython)"
         return ""
 
 
@@ -56,6 +63,7 @@ setup(
             "robbie_mp.bus._hot.native",
             sources=sorted(str(path) for path in FOLDER.glob("*.c")),
             define_macros=[("ROBBIE_SOURCES", f'"{sources["digest"](FOLDER)}"')],
+            include_dirs=[str(FOLDER)],
             extra_compile_args=[*FLAGS, *(["-Werror"] if STRICT else [])],
             optional=not STRICT,
         )

@@ -1,6 +1,6 @@
 /* What the core knows of a run besides its tables in shared memory: free rows, queues, connected modules.
  *
- * The Python of robbie_mp/bus/core works on the same books through the types of books_bindings.c. Whatever the
+ * The Python of robbie_mp/bus/core works on the same books through the types of books.pxi. Whatever the
  * tables hold (messages, references, counts) is read from there and is not kept here a second time. */
 #ifndef ROBBIE_BOOKS_H
 #define ROBBIE_BOOKS_H
@@ -68,6 +68,7 @@ struct channel {
 
 /* See Link of members.py. */
 struct link {
+    void *owner; /* the object of Python that has it */
     uint64_t slot, source, credit, awaited_freed;
     uint64_t wanted_release; /* what its word says */
     bool ready, has_ended, paces;

@@ -85,7 +85,7 @@ def _why_missing(error: ImportError, folder: Path) -> str:
     built = [path.name for path in folder.glob("native.*.so")]
     if not built:
         return (
-            "it was not built, because there was no working C compiler when Robbie-MP was installed; "
+            "it was not built: there was no working C compiler, or no Cython, when Robbie-MP was installed; "
             f"install gcc and the headers of Python (apt-get install gcc python3-dev), then {_BUILD_AGAIN}"
         )
     if not any(name == f"native{suffix}" for name in built for suffix in EXTENSION_SUFFIXES):

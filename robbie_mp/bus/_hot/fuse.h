@@ -31,5 +31,16 @@ int add_fuse_types(PyObject *module);
     }
 #else
 #define MAY_DIE(leave) ((void)0)
+#define add_fuse_types(module) 0
 #endif
+
+/* Define a function that carries out a statement with stores, for a binding in Cython: 0, or -1 with an exception
+ * set. It holds nothing that a death would not give back. */
+#define GUARDED(name, parameters, statement)                                                                 \
+    static int name parameters                                                                               \
+    {                                                                                                        \
+        MAY_DIE(return -1);                                                                                  \
+        statement;                                                                                           \
+        return PyErr_Occurred() == NULL ? 0 : -1;                                                            \
+    }
 #endif

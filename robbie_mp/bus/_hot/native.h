@@ -47,7 +47,6 @@ void raise_forked_process(void);
 /* Each adds its types and functions to the module; 0, or -1 with an exception set. */
 int add_ring_types(PyObject *module);
 int add_wakeup_types(PyObject *module);
-int add_books_types(PyObject *module);
 int add_message_types(PyObject *module);
 int add_message_layout_type(PyObject *module);
 int add_lock_type(PyObject *module);
@@ -57,6 +56,5 @@ int add_publisher_type(PyObject *module);
 int add_pin_types(PyObject *module);
 int add_history_type(PyObject *module);
 int add_subscriber_type(PyObject *module);
-int add_loop_types(PyObject *module);
 
 #endif

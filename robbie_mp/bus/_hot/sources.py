@@ -1,20 +1,43 @@
-"""Identifies the C sources, so that a module built from other sources is noticed.
+"""Finds the sources of the hot path, and has Cython make C of those that are not C.
 
 `setup.py` runs this file before Robbie-MP is installed, so it imports nothing of Robbie-MP.
 """
 
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
+KINDS = (".c", ".h", ".pxi", ".pyx")
+"""How the names of sources end; `native.pyx` includes those in Cython."""
+
 
 def sources_in(folder: Path) -> list[Path]:
-    """Return the C files and headers in a folder, in the order of their names."""
-    return sorted([*folder.glob("*.c"), *folder.glob("*.h")])
+    """Return the sources and headers in a folder, in the order of their names."""
+    return sorted(path for path in folder.glob("*.*") if path.suffix in KINDS)
 
 
 def digest(folder: Path) -> str:
-    """Return a checksum over names and contents of the C sources in a folder; '' if there are none."""
+    """Return a checksum over names and contents of the sources in a folder; '' if there are none."""
     checksum = 0
     for path in (files := sources_in(folder)):
         checksum = zlib.crc32(path.read_bytes(), zlib.crc32(path.name.encode(), checksum))
     return f"{checksum:08x}" if files else ""
+
+
+def write_c(folder: Path, target: Path, *options: str) -> None:
+    """Write the C that Cython makes of `native.pyx`, the Python module.
+
+    Args:
+        folder: where the sources are.
+        target: the file to write.
+        options: further options of Cython.
+
+    Raises:
+        RuntimeError: Cython refuses; this shows what it says.
+    """
+    command = [sys.executable, "-m", "cython", "--module-name", "robbie_mp.bus._hot.native", *options]
+    source = folder / "native.pyx"
+    done = subprocess.run([*command, source, "-o", target], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"Cython refuses {source}:\n{done.stderr}")

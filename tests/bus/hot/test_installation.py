@@ -10,8 +10,11 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import setuptools
 
+from robbie_mp.bus._hot.sources import KINDS, sources_in
 from tests._support.sources import copy_sources
+from tests.bus.hot._support.build import HOT
 from tests.docs._support.pages import ROOT
 from tools.wheels import PROCESSORS
 
@@ -62,12 +65,10 @@ def answer_of(wheel: Path, folder: Path) -> str:
 
 
 def test_source_distribution_has_all_sources(archive: Path) -> None:
-    here = {
-        path.name for path in (ROOT / "robbie_mp" / "bus" / "_hot").iterdir() if path.suffix in (".c", ".h")
-    }
+    here = {path.name for path in sources_in(HOT)}
     with tarfile.open(archive) as found:
         names = found.getnames()
-    assert {Path(name).name for name in names if name.endswith((".c", ".h"))} == here
+    assert {Path(name).name for name in names if name.endswith(KINDS)} == here
     assert not [name for name in names if name.endswith(".so")]
 
 
@@ -75,7 +76,7 @@ def test_wheel_has_what_was_built_and_no_sources(archive: Path, tmp_path: Path) 
     wheel, _ = build(archive, tmp_path, ROBBIE_STRICT_BUILD="1")
     with zipfile.ZipFile(wheel) as found:
         names = [name for name in found.namelist() if name.startswith("robbie_mp/bus/_hot/")]
-    assert [name for name in names if name.endswith((".c", ".h"))] == []
+    assert [name for name in names if name.endswith(KINDS)] == []
     assert len([name for name in names if name.endswith(".so")]) == 1
     assert "robbie_mp/bus/_hot/native.pyi" in names
     assert answer_of(wheel, tmp_path) == "True"
@@ -92,7 +93,21 @@ def test_installation_without_a_compiler_says_so_in_one_line_and_uses_python(
     ]
     assert "Traceback" not in printed
     answer = answer_of(wheel, tmp_path)
-    assert answer.startswith("False it was not built, because there was no working C compiler")
+    assert answer.startswith("False it was not built: there was no working C compiler")
+
+
+def test_build_without_cython_says_so_in_one_line(tmp_path: Path) -> None:
+    sources, packages = tmp_path / "sources", tmp_path / "packages"
+    copy_sources(sources)
+    packages.mkdir()
+    for name in ("setuptools", "_distutils_hack"):
+        (packages / name).symlink_to(Path(setuptools.__file__).parents[1] / name)
+    build_it = (sys.executable, "-S", "setup.py", "-q", "build_ext")
+    printed = run(*build_it, cwd=sources, PYTHONPATH=str(packages), ROBBIE_STRICT_BUILD="")
+    assert printed.splitlines() == [
+        "Robbie-MP uses Python for its hot path, which is slower: "
+        "Cython is not installed; install it with pip (pip install cython)"
+    ]
 
 
 def test_strict_installation_without_a_compiler_fails(archive: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ PROGRAM = "tests.bus.hot._support.reference_counts"
 PLANTED = {
     "a message too many": ("pin_bindings.c", "    Py_DECREF(tuple);\n", "", "exchanging", "blocks of memory"),
     "None too often": (
-        "books_bindings.c", "Py_XDECREF(PyObject_CallNoArgs(callable))", "PyObject_CallNoArgs(callable)",
+        "endpoint_bindings.c", "lock_give(self->lock);\n    Py_XDECREF(result);", "lock_give(self->lock);",
         "routing", "references to None",
     ),
 }  # fmt: skip

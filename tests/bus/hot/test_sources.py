@@ -5,19 +5,21 @@ from pathlib import Path
 
 import pytest
 
+from robbie_mp.bus._hot.sources import sources_in
 from tests.bus.hot._support.build import HOT, compile_c
 
-SOURCES = sorted([*HOT.glob("*.c"), *HOT.glob("*.h")])
+SOURCES = sources_in(HOT)
 BELOW_PYTHON = ("ring.c", "books.c", "router.c", "endpoint.c", "wakeup.c", "clock.c")
 """Sources that do not include Python.h, so that they run under sanitizers and fuzzers."""
 OTHER_STORES = re.compile(
     r"\batomic_(?!thread_fence)\w+|\b__(atomic|sync)_|[.>]\s*atomic\b|\bvolatile\b|(?<!sizeof)\(\s*shared_word\s*\)|\basm\b"
 )
-TO_SHARED_WORDS = re.compile(r"\(\s*(const\s+)?shared_word\s*\*\s*\)")
+TO_SHARED_WORDS = re.compile(r"[(<]\s*(const\s+)?shared_word\s*\*\s*[)>]")
 
 
 def without_comments(path: Path) -> str:
-    return re.sub(r"/\*.*?\*/|//[^\n]*", "", path.read_text(), flags=re.DOTALL)
+    comment = r"/\*.*?\*/|//[^\n]*" if path.suffix in (".c", ".h") else r"#[^\n]*"
+    return re.sub(comment, "", path.read_text(), flags=re.DOTALL)
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.name)
@@ -58,7 +60,9 @@ def test_assignment_to_a_word_does_not_compile(
 def test_file_says_its_subject(path: Path) -> None:
     """At its beginning, or at the beginning of its header."""
     header = path.with_suffix(".h")
-    assert path.read_text().startswith("/* ") or (header.exists() and header.read_text().startswith("/* "))
+    assert path.read_text().startswith(("/* ", "# ")) or (
+        header.exists() and header.read_text().startswith("/* ")
+    )
 
 
 @pytest.mark.parametrize("name", BELOW_PYTHON)

@@ -11,17 +11,19 @@ import os
 import shlex
 import shutil
 import subprocess
+import sys
 import sysconfig
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from robbie_mp.bus._hot.sources import digest
+from robbie_mp.bus._hot.sources import digest, sources_in, write_c
 
 HOT = Path(__file__).parents[4] / "robbie_mp" / "bus" / "_hot"
 HERE = Path(__file__).parent
 PROGRAMS = HERE.parent / "programs"
+NAME = "robbie_mp.bus._hot.native"
 C_STANDARD = "-std=c11"
 COMPILE_S = float(os.environ.get("ROBBIE_TEST_COMPILE_S", "900"))
 
@@ -72,7 +74,7 @@ def fused_module(folder: Path, *options: str, hot: Path = HOT) -> ModuleType:
     command = compiler()
     assert command is not None
     sources = [*sorted(hot.glob("*.c")), HERE / "fuse.c"]
-    texts = b"".join(path.read_bytes() for path in (*sources, *sorted(hot.glob("*.h")), Path(__file__)))
+    texts = b"".join(path.read_bytes() for path in (*sources_in(hot), HERE / "fuse.c", Path(__file__)))
     made_with = f"{sysconfig.get_config_var('SOABI')} {command} {options}"
     name = hashlib.sha256(texts + made_with.encode()).hexdigest()[:16]
     built = folder / f"native-{name}.so"
@@ -81,11 +83,17 @@ def fused_module(folder: Path, *options: str, hot: Path = HOT) -> ModuleType:
             being_built = folder / f"{name}-{os.getpid()}.so"
             include = f"-I{hot}", f"-I{sysconfig.get_paths()['include']}"
             defined = "-DROBBIE_FUSE", f'-DROBBIE_SOURCES="{digest(hot)}"'
+            made = being_built.with_suffix(".c")
+            write_c(hot, made)
+            sources.append(made)
             compile_c(command, being_built, sources, "-O1", "-fPIC", "-shared", *defined, *include, *options)
             being_built.rename(built)
     loader = importlib.machinery.ExtensionFileLoader("native", str(built))
     spec = importlib.util.spec_from_file_location("native", built, loader=loader)
     assert spec is not None
+    before = sys.modules.get(NAME)
     module = importlib.util.module_from_spec(spec)
     loader.exec_module(module)
+    if before is None:
+        sys.modules.pop(NAME, None)  # where Cython has entered it: it is not the installed one
     return module
