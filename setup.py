@@ -32,10 +32,10 @@ class BuildHotPath(build_ext):
         try:
             if lack := self.what_is_missing():
                 raise CCompilerError(lack)
-            made = Path(self.build_temp, "native.c")
-            made.parent.mkdir(parents=True, exist_ok=True)
-            sources["write_c"](FOLDER, made, *(["-Werror"] if STRICT else []))
-            ext.sources = [*ext.sources, str(made)]
+            made = Path(self.build_temp)
+            made.mkdir(parents=True, exist_ok=True)
+            ext.sources.append(str(sources["write_c"](FOLDER, made, *(["-Werror"] if STRICT else []))))
+            ext.include_dirs.append(str(made))
             super().build_extension(ext)
         except (BaseError, CCompilerError, RuntimeError) as error:
             if STRICT:

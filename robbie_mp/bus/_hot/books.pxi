@@ -3,52 +3,9 @@
 # Slot, Link, Subscription and Channel are bases of the Python classes of these names: they only change where
 # the attributes lie that C needs. The containers have as much of the interface of dict and list as the core
 # uses.
-from cpython.buffer cimport PyBUF_WRITABLE, PyBuffer_Release, PyObject_GetBuffer
-from cpython.exc cimport PyErr_Occurred, PyErr_SetFromErrno
-from cpython.mem cimport PyMem_Calloc, PyMem_Free, PyMem_Realloc
-from cpython.object cimport PyObject, PyObject_TypeCheck, PyTypeObject
-from libc.errno cimport EINTR, ETIMEDOUT, errno
-from libc.stdint cimport UINT64_MAX, int64_t, uint32_t, uint64_t
-from libc.string cimport memset
-from posix.time cimport CLOCK_MONOTONIC, clock_gettime, timespec
-
-cdef extern from "words.h":
-    ctypedef struct shared_word:
-        pass
-    void store(shared_word *place, uint64_t value)
-    uint64_t load(const shared_word *place)
-
 cdef extern from "layout.h":
     enum: CORE_HEARTBEAT_NS, CORE_WAKEUPS, DECLARATION_COUNT
     enum: HANDLE_WORDS, PUBLISHER_WORDS, REFERENCE_WORDS, SUBSCRIPTION_WORDS
-
-cdef extern from "native.h":
-    struct held_words:
-        shared_word *words
-        Py_ssize_t count
-    int hold_words(held_words *held, object memory, bint writable) except -1
-    void release_words(held_words *held)
-
-cdef extern from "ring_bindings.h":
-    struct ring_place:
-        shared_word *records
-    struct ring_reader:
-        ring_place place
-        uint64_t tail
-    struct ring_writer:
-        ring_place place
-    struct ring_reader_object:
-        ring_reader ring
-    struct ring_writer_object:
-        ring_writer ring
-    PyTypeObject ring_reader_type, ring_writer_type, number_ring_writer_type
-
-cdef extern from "wakeup_bindings.h":
-    struct wakeup:
-        shared_word *posts
-    void wakeup_post(wakeup *wakeup)
-    wakeup *wakeup_of(PyObject *callable)
-    int sleep_until_post(wakeup *wakeup, int64_t timeout_ns)
 
 cdef extern from "router.h":
     const uint32_t NO_REFERENCE
@@ -134,14 +91,11 @@ cdef extern from *:
             *handled = serve(router, link, records))
     GUARDED(go_on_with_round, (struct router *router, uint64_t records, struct link **link),
             *link = serve_round(router, records))
-    GUARDED(try_to_store, (shared_word *place, uint64_t value), store(place, value))
     """
-    ctypedef bint c_bool "bool"
     int try_to_write_figures(books_of_core *books) except -1
     int before_a_sleep(books_of_core *books, c_bool *again) except -1
     int try_to_serve(router_of_books *router, link_row *link, uint64_t records, uint64_t *handled) except -1
     int go_on_with_round(router_of_books *router, uint64_t records, link_row **link) except -1
-    int try_to_store(shared_word *place, uint64_t value) except -1
 
 
 cdef void *zeros(uint64_t count, size_t size) except NULL:
@@ -424,15 +378,6 @@ cdef class Channel(Row):
         self.kept = subscriptions
 
 
-cdef bint is_open(object end, PyTypeObject *kind):
-    """Whether something is an end of a ring that is not closed; reader and writer begin alike."""
-    if not PyObject_TypeCheck(end, kind):
-        return False
-    if kind == &ring_reader_type:
-        return (<ring_reader_object *><PyObject *>end).ring.place.records != NULL
-    return (<ring_writer_object *><PyObject *>end).ring.place.records != NULL
-
-
 cdef class Link(Row):
     """Where the attributes of a Link of members.py lie.
 
@@ -440,12 +385,15 @@ cdef class Link(Row):
     """
 
     cdef link_row link
-    cdef public object outbound, inbound, freed, wake, in_flight, windows
+    cdef public RingReader outbound
+    cdef public RingWriter inbound
+    cdef public NumberRingWriter freed
     cdef public References pushed, pinned
+    cdef public object wake, in_flight, windows
     cdef dict by_declaration
     cdef tuple used
     cdef uint64_t slots  # how many the numbers are for
-    cdef wakeup *wakeup  # that of `wake`; NULL: `wake` must be called
+    cdef Wakeup wakeup  # that of `wake`; None: `wake` must be called
 
     slot = field(&a_link, &a_link.slot, 8)
     source = field(&a_link, &a_link.source, 8)
@@ -480,13 +428,12 @@ cdef class Link(Row):
         if self.pushed is None or self.pinned is None:
             raise ValueError("a link needs its references")
         in_flight, windows = Numbers(self.in_flight), Numbers(self.windows)
-        self.link.outbound = &(<ring_reader_object *><PyObject *>self.outbound).ring
-        self.link.inbound = &(<ring_writer_object *><PyObject *>self.inbound).ring
-        self.link.freed = &(<ring_writer_object *><PyObject *>self.freed).ring
+        self.link.outbound = &self.outbound.ring
+        self.link.inbound, self.link.freed = &self.inbound.ring, &self.freed.ring
         self.link.pushed, self.link.pinned = &self.pushed.list, &self.pinned.list
         self.link.in_flight, self.link.windows = (<Numbers>in_flight).numbers, (<Numbers>windows).numbers
         self.slots = min((<Numbers>in_flight).count, (<Numbers>windows).count)
-        self.wakeup = wakeup_of(<PyObject *>self.wake)
+        self.wakeup = posted_by(self.wake)
         ends = self.outbound, self.inbound, self.freed
         self.used = ends, self.pushed, self.pinned, in_flight, windows, self.wake
         return 0
@@ -494,9 +441,12 @@ cdef class Link(Row):
     cdef int require_whole(self, uint64_t slots) except -1:
         """Require all that C needs, for a run of this number of slots."""
         if (
-            is_open(self.outbound, &ring_reader_type)
-            and is_open(self.inbound, &ring_writer_type)
-            and is_open(self.freed, &number_ring_writer_type)
+            self.outbound is not None
+            and self.outbound.words.words != NULL
+            and self.inbound is not None
+            and self.inbound.words.words != NULL
+            and self.freed is not None
+            and self.freed.words.words != NULL
         ):
             if self.used is None:
                 self.use()
@@ -551,8 +501,8 @@ cdef void wake_module(void *_, link_row *row) except *:
     if PyErr_Occurred():
         return
     link = <Link>row.owner
-    if link.wakeup != NULL:
-        wakeup_post(link.wakeup)
+    if link.wakeup is not None:
+        wakeup_post(&link.wakeup.wakeup)
     else:
         link.used[-1]()
 
@@ -760,19 +710,19 @@ cdef class Books:
         self.router.is_special = bool(is_special)
         return self.go_on(records_per_turn)
 
-    cdef int sleep(self, wakeup *wakeup, uint64_t timeout_ns) except -1:
+    cdef int sleep(self, Wakeup wakeup, uint64_t timeout_ns) except -1:
         """Wait for a post without the GIL; 0, or the error's number."""
         wakeups = self.books.words + CORE_WAKEUPS
         try_to_store(wakeups, load(wakeups) + 1)
-        cdef int error = sleep_until_post(wakeup, timeout_ns)
+        cdef int error = wakeup.sleep(timeout_ns)
         try_to_store(self.books.words + CORE_HEARTBEAT_NS, real_time_ns())
         return error
 
     def work(self, post, uint64_t records_per_turn, uint64_t heartbeat_ns, is_special):
         """Wait for posts and handle what is common, until Python must do something."""
-        cdef wakeup *wakeup = wakeup_of(<PyObject *>post)
+        wakeup = posted_by(post)
         cdef c_bool again = False
-        if wakeup == NULL or wakeup.posts == NULL or self.links is None:
+        if wakeup is None or wakeup.wakeup.posts == NULL or self.links is None:
             raise TypeError("expected the post of a wake-up in C, and the links to be set")
         self.router.is_special = bool(is_special)
         cdef uint64_t end_ns = real_time_ns() + heartbeat_ns
@@ -781,9 +731,7 @@ cdef class Books:
             if error in (ETIMEDOUT, EINTR):
                 return None
             if error != 0:
-                global errno
-                errno = error
-                PyErr_SetFromErrno(OSError)
+                raise_os_error(error)
             while True:
                 link = self.go_on(records_per_turn)
                 if link is not None:

@@ -1,6 +1,5 @@
 /* The Python type Endpoint: what robbie_mp/bus/transport/endpoint.py leaves to C. */
 #include "endpoint_bindings.h"
-#include "wakeup_bindings.h"
 #include <structmember.h>
 
 bool endpoint_is_mine(const struct endpoint_object *self)

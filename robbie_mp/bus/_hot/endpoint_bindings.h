@@ -5,8 +5,6 @@
 #include "native.h"
 #include "endpoint.h"
 #include "lock_bindings.h"
-#include "ring_bindings.h"
-#include "wakeup.h"
 
 struct endpoint_object {
     PyObject_HEAD

@@ -15,9 +15,6 @@ cdef extern from "subscriber_bindings.h":
     shared_word *subscriber_words(subscriber_object *subscriber)
     int subscriber_check(subscriber_object *subscriber) except -1
 
-cdef extern from "wakeup_bindings.h":
-    int wait_for_post(wakeup *wakeup, int64_t timeout_ns) except -1
-
 cdef extern from *:
     """
     #include "figures.h"
@@ -62,10 +59,10 @@ cdef int64_t sooner(int64_t wait_ns, int64_t due_ns) noexcept:
 cdef class Loop:
     """The common form of a turn of a module's loop."""
 
-    cdef object runner, subscriber_object, inbox, outbox, module, calls, calls_due, ticks, wake
+    cdef object runner, subscriber_object, inbox, outbox, module, calls, calls_due, ticks
     cdef TickTimes times
     cdef subscriber_object *subscriber
-    cdef wakeup *wakeup  # to which `wake` posts
+    cdef Wakeup wakeup  # to which `wake` posts
     cdef int64_t max_wait_ns
 
     def __cinit__(
@@ -81,18 +78,18 @@ cdef class Loop:
         wake,
         int64_t max_wait_ns,
     ):
-        self.wakeup = wakeup_of(<PyObject *>wake)
-        if not PyObject_TypeCheck(subscriber, &subscriber_type) or self.wakeup == NULL:
+        self.wakeup = posted_by(wake)
+        if not PyObject_TypeCheck(subscriber, &subscriber_type) or self.wakeup is None:
             raise TypeError("expected a subscriber in C, and the post of a wake-up in C")
         self.subscriber = <subscriber_object *><PyObject *>subscriber
         self.runner, self.subscriber_object, self.inbox, self.outbox = runner, subscriber, inbox, outbox
         self.module, self.calls, self.calls_due, self.ticks = module, calls, calls.due, ticks
-        self.times, self.wake, self.max_wait_ns = times, wake, max_wait_ns
+        self.times, self.max_wait_ns = times, max_wait_ns
 
     def turn(self):
         """Handle at most one message and run at most one tick, or wait for either; False if this is not mine."""
         period_ns = self.period_ns()
-        if period_ns == ODD_PERIOD or self.wakeup.posts == NULL:
+        if period_ns == ODD_PERIOD or self.wakeup.wakeup.posts == NULL:
             return False
         handled = subscriber_handle_next(self.subscriber, <PyObject *>self.inbox)
         if handled == HANDLED_NOT_MINE:
@@ -192,7 +189,7 @@ cdef class Loop:
         due_ns = self.calls_due_ns()
         if due_ns != NEVER_NS:
             wait_ns = sooner(wait_ns, due_ns)
-        if not wait_for_post(self.wakeup, wait_ns):
+        if not self.wakeup.wait_ns(wait_ns):
             return 0
         # The messages that a publisher waits for have been released, or a thread has asked for a tick.
         if self.outbox.awaits_room and self.outbox.room_was_made():

@@ -33,20 +33,10 @@ struct held_words {
 int hold_words(struct held_words *held, PyObject *object, bool writable);
 void release_words(struct held_words *held);
 
-/* Read a ring's place from a RingPlace of ring.py, and hold its memory; 0, or -1 with an exception set.
- *
- * Args:
- *   record_words: RECORD_WORDS, or 1 for a ring of numbers.
- *   is_writer: whether records and head are written here, or else the tail. */
-int hold_ring_place(struct ring_place *place, struct held_words *words, struct held_words *tail_words,
-                    PyObject *ring_place, int record_words, bool is_writer);
-
 /* Set the exception for the use of what belongs to the process that forked this one; see linux/forks.py. */
 void raise_forked_process(void);
 
 /* Each adds its types and functions to the module; 0, or -1 with an exception set. */
-int add_ring_types(PyObject *module);
-int add_wakeup_types(PyObject *module);
 int add_message_types(PyObject *module);
 int add_message_layout_type(PyObject *module);
 int add_lock_type(PyObject *module);
@@ -56,5 +46,8 @@ int add_publisher_type(PyObject *module);
 int add_pin_types(PyObject *module);
 int add_history_type(PyObject *module);
 int add_subscriber_type(PyObject *module);
+
+#include "wakeup.h"
+#include "native_made.h" /* the types in Cython */
 
 #endif

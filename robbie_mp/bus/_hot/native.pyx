@@ -21,8 +21,6 @@ cdef extern from "fuse.h":
     int add_fuse_types(object module) except -1
 
 cdef extern from "native.h":
-    int add_ring_types(object module) except -1
-    int add_wakeup_types(object module) except -1
     int add_message_types(object module) except -1
     int add_message_layout_type(object module) except -1
     int add_lock_type(object module) except -1
@@ -36,8 +34,6 @@ cdef extern from "native.h":
 LAYOUT_VERSION = LAYOUT_VERSION_IN_C
 SOURCES = ROBBIE_SOURCES.decode()
 add_fuse_types(this_module())
-add_ring_types(this_module())
-add_wakeup_types(this_module())
 add_message_types(this_module())
 add_message_layout_type(this_module())
 add_lock_type(this_module())
@@ -48,5 +44,8 @@ add_pin_types(this_module())
 add_history_type(this_module())
 add_subscriber_type(this_module())
 
+include "words.pxi"
+include "ring.pxi"
+include "wakeup.pxi"
 include "books.pxi"
 include "loop.pxi"

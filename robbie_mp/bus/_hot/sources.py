@@ -25,19 +25,23 @@ def digest(folder: Path) -> str:
     return f"{checksum:08x}" if files else ""
 
 
-def write_c(folder: Path, target: Path, *options: str) -> None:
-    """Write the C that Cython makes of `native.pyx`, the Python module.
+def write_c(folder: Path, target: Path, *options: str) -> Path:
+    """Write the C that Cython makes of `native.pyx`, the Python module, and the header with its types.
 
     Args:
         folder: where the sources are.
-        target: the file to write.
+        target: the folder to write into.
         options: further options of Cython.
+
+    Returns:
+        The file in C; its header is beside it.
 
     Raises:
         RuntimeError: Cython refuses; this shows what it says.
     """
+    source, made = folder / "native.pyx", target / "native_made.c"
     command = [sys.executable, "-m", "cython", "--module-name", "robbie_mp.bus._hot.native", *options]
-    source = folder / "native.pyx"
-    done = subprocess.run([*command, source, "-o", target], capture_output=True, text=True, check=False)
+    done = subprocess.run([*command, source, "-o", made], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"Cython refuses {source}:\n{done.stderr}")
+    return made

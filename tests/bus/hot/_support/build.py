@@ -81,13 +81,14 @@ def fused_module(folder: Path, *options: str, hot: Path = HOT) -> ModuleType:
     with exclusively(folder / "lock"):  # of several test processes, one builds
         if not built.exists():
             being_built = folder / f"{name}-{os.getpid()}.so"
-            include = f"-I{hot}", f"-I{sysconfig.get_paths()['include']}"
+            made = folder / f"{name}-{os.getpid()}"
+            made.mkdir()
+            sources.append(write_c(hot, made))
+            include = f"-I{hot}", f"-I{made}", f"-I{sysconfig.get_paths()['include']}"
             defined = "-DROBBIE_FUSE", f'-DROBBIE_SOURCES="{digest(hot)}"'
-            made = being_built.with_suffix(".c")
-            write_c(hot, made)
-            sources.append(made)
             compile_c(command, being_built, sources, "-O1", "-fPIC", "-shared", *defined, *include, *options)
             being_built.rename(built)
+            shutil.rmtree(made)
     loader = importlib.machinery.ExtensionFileLoader("native", str(built))
     spec = importlib.util.spec_from_file_location("native", built, loader=loader)
     assert spec is not None
