@@ -341,6 +341,7 @@ cdef class Subscription(Row):
         self.subscription.queued = NO_REFERENCE if reference is None else reference
 
 
+@cython.no_gc_clear  # Books let go of it first
 cdef class Channel(Row):
     """Where the attributes of a Channel of directory.py lie."""
 
@@ -370,6 +371,8 @@ cdef class Channel(Row):
         try:
             for index in range(count):
                 subscription = subscriptions[index]
+                if subscription is None:
+                    raise TypeError("must be a tuple of subscriptions")
                 rows[index] = &subscription.subscription
             rows, self.channel.subscriptions = self.channel.subscriptions, rows
         finally:
@@ -378,6 +381,7 @@ cdef class Channel(Row):
         self.kept = subscriptions
 
 
+@cython.no_gc_clear  # Books let go of it first
 cdef class Link(Row):
     """Where the attributes of a Link of members.py lie.
 
@@ -455,6 +459,7 @@ cdef class Link(Row):
         raise ValueError("must be a whole link")
 
 
+@cython.no_gc_clear  # Books let go of it first
 cdef class Slot(Row):
     """Where the attributes of a Slot of members.py lie."""
 
@@ -523,7 +528,7 @@ cdef class Books:
     cdef Numbers holders
     cdef FreeRows free_handles, free_references
     cdef list subscriptions  # those that books.subscriptions names
-    cdef tuple slots
+    cdef tuple slots  # None, as after a garbage collection: nothing is served
     cdef tuple links  # those that books.links names
     cdef tuple links_in_round  # None: there is no round
     cdef uint64_t link_room  # of the arrays of links
@@ -602,7 +607,7 @@ cdef class Books:
         if self.slots is not None:
             raise TypeError("the slots are set once")
         for index, slot in enumerate(slots):
-            if slot.slot.index != index or slot.queue is None or not self.fits(slot.slot.at, 1, PUBLISHER_WORDS):
+            if slot is None or slot.slot.index != index or slot.queue is None or not self.fits(slot.slot.at, 1, PUBLISHER_WORDS):
                 raise ValueError("must be the slots, in order")
         self.books.slots = <slot_row **>zeros(len(slots), sizeof(slot_row *))
         for slot in slots:
@@ -636,32 +641,35 @@ cdef class Books:
     def note_post(self, Link link not None):
         """Have a link be woken, for it has been sent records."""
         index = link.link.slot
-        if index >= self.books.slot_count or self.books.slots[index].link != &link.link:
+        if self.slots is None or index >= self.books.slot_count or self.books.slots[index].link != &link.link:
             raise ValueError("must be the link of one of the slots")
         note_post(&self.books, &link.link)
 
     def post(self):
         """Wake the links that have been sent records."""
-        post(&self.router)
+        if self.slots is not None:
+            post(&self.router)
 
     def write_figures(self):
         """Write the figures that have changed."""
-        try_to_write_figures(&self.books)
+        if self.slots is not None:
+            try_to_write_figures(&self.books)
 
     def somebody_waits(self):
         """Whether messages wait for a module."""
-        return somebody_waits(&self.books)
+        return self.slots is not None and somebody_waits(&self.books)
 
     def before_sleep(self):
         """Ask modules to post on a release, or not to; return whether the rings must be looked at again."""
         cdef c_bool again = False
-        before_a_sleep(&self.books, &again)
+        if self.slots is not None:
+            before_a_sleep(&self.books, &again)
         return again
 
     def serve(self, Link link not None, uint64_t records, is_special):
         """Handle the next records of a link as far as they are common; return how many were."""
         cdef uint64_t handled = 0
-        if link.link.slot >= self.books.slot_count:
+        if self.slots is None or link.link.slot >= self.books.slot_count:
             raise ValueError("must be a whole link")
         link.require_whole(self.books.slot_count)
         self.router.is_special = bool(is_special)
@@ -675,6 +683,8 @@ cdef class Books:
         if self.links_in_round is not None:
             raise TypeError("links are set between rounds")
         for link in links:
+            if link is None:
+                raise TypeError("must be a tuple of links")
             link.require_whole(self.books.slot_count)
             if link.link.slot >= self.books.slot_count:
                 raise ValueError("must be whole links")

@@ -4,24 +4,7 @@
 
 #include "native.h"
 #include "endpoint.h"
-#include "lock_bindings.h"
-
-struct endpoint_object {
-    PyObject_HEAD
-    struct endpoint endpoint;
-    struct ring_writer_object *outbound;
-    struct ring_reader_object *inbound;
-    struct ring_reader_object *freed;
-    struct held_words in_words;
-    PyObject *backlog; /* records that did not fit into the ring: while there are any, Python does all */
-    struct lock_object *lock;
-    PyObject *wake_core;
-    struct wakeup *core; /* to which wake_core posts; NULL: it must be called */
-    PyTypeObject *delivery_type;
-    bool is_disowned; /* this is a forked process */
-};
-
-extern PyTypeObject endpoint_type;
+#include "lock.h"
 
 /* Whether C may push and take now. If not, Python waits for the lock, pushes the backlog, or says what is wrong. */
 bool endpoint_is_mine(const struct endpoint_object *self);

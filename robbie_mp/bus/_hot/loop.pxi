@@ -7,37 +7,29 @@ cdef extern from "clock.h":
 cdef extern from "layout.h":
     enum: ACTIVITY_IDLE, EVENT_CALLS, EVENT_TICK, OUT_ACTIVITY, OUT_TICKS_MISSED
 
-cdef extern from "subscriber_bindings.h":
-    struct subscriber_object
-    PyTypeObject subscriber_type
-    enum: HANDLED_ONE, HANDLED_NOT_MINE, HANDLED_WITH_ERROR
-    int subscriber_handle_next(subscriber_object *subscriber, PyObject *inbox) except HANDLED_WITH_ERROR
-    shared_word *subscriber_words(subscriber_object *subscriber)
-    int subscriber_check(subscriber_object *subscriber) except -1
-
 cdef extern from *:
     """
     #include "figures.h"
-    GUARDED(tell_of_tick, (struct subscriber_object *subscriber, uint64_t event, uint64_t now_ns),
-            store(subscriber_words(subscriber) + OUT_ACTIVITY_SINCE_NS, now_ns);
-            store(subscriber_words(subscriber) + OUT_ACTIVITY, ACTIVITY_TICK);
+    GUARDED(tell_of_tick, (struct subscriber_object *subscriber, shared_word *words, uint64_t event, uint64_t now_ns),
+            store(words + OUT_ACTIVITY_SINCE_NS, now_ns);
+            store(words + OUT_ACTIVITY, ACTIVITY_TICK);
             subscriber_record(subscriber, event, now_ns))
     GUARDED(count_tick, (shared_word *words, uint64_t late_ns, uint64_t took_ns, unsigned long long *ticks),
             figures_record(words + OUT_TICK_FIGURES, late_ns, took_ns);
             store(words + OUT_TICKS, ++*ticks))
     GUARDED(prepare_history, (struct subscriber_object *subscriber), subscriber_prepare_history(subscriber))
     """
-    int tell_of_tick(subscriber_object *subscriber, uint64_t event, uint64_t now_ns) except -1
+    int tell_of_tick(Subscriber subscriber, shared_word *words, uint64_t event, uint64_t now_ns) except -1
     int count_tick(
         shared_word *words, uint64_t late_ns, uint64_t took_ns, unsigned long long *ticks
     ) except -1
-    int prepare_history(subscriber_object *subscriber) except -1
+    int prepare_history(Subscriber subscriber) except -1
 
 # Periods of which C computes the next tick; Python has others, and those that are no period.
 cdef double MIN_PERIOD_NS = 1.0, MAX_PERIOD_NS = 1e17
 cdef enum: NO_PERIOD = 0, ODD_PERIOD = -1
 # As in calls/due.py.
-cdef int64_t NEVER_NS = 0x7FFFFFFFFFFFFFFF
+cdef int64_t NEVER_NS = INT64_MAX
 
 
 cdef class TickTimes:
@@ -59,16 +51,16 @@ cdef int64_t sooner(int64_t wait_ns, int64_t due_ns) noexcept:
 cdef class Loop:
     """The common form of a turn of a module's loop."""
 
-    cdef object runner, subscriber_object, inbox, outbox, module, calls, calls_due, ticks
+    cdef object runner, inbox, outbox, module, calls, calls_due, ticks
+    cdef Subscriber subscriber
     cdef TickTimes times
-    cdef subscriber_object *subscriber
     cdef Wakeup wakeup  # to which `wake` posts
     cdef int64_t max_wait_ns
 
     def __cinit__(
         self,
         runner,
-        subscriber,
+        Subscriber subscriber not None,
         inbox,
         outbox,
         module,
@@ -79,10 +71,9 @@ cdef class Loop:
         int64_t max_wait_ns,
     ):
         self.wakeup = posted_by(wake)
-        if not PyObject_TypeCheck(subscriber, &subscriber_type) or self.wakeup is None:
-            raise TypeError("expected a subscriber in C, and the post of a wake-up in C")
-        self.subscriber = <subscriber_object *><PyObject *>subscriber
-        self.runner, self.subscriber_object, self.inbox, self.outbox = runner, subscriber, inbox, outbox
+        if self.wakeup is None:
+            raise TypeError("expected the post of a wake-up in C")
+        self.runner, self.subscriber, self.inbox, self.outbox = runner, subscriber, inbox, outbox
         self.module, self.calls, self.calls_due, self.ticks = module, calls, calls.due, ticks
         self.times, self.max_wait_ns = times, max_wait_ns
 
@@ -91,7 +82,7 @@ cdef class Loop:
         period_ns = self.period_ns()
         if period_ns == ODD_PERIOD or self.wakeup.wakeup.posts == NULL:
             return False
-        handled = subscriber_handle_next(self.subscriber, <PyObject *>self.inbox)
+        handled = subscriber_handle_next(self.subscriber, self.inbox)
         if handled == HANDLED_NOT_MINE:
             return False
         if handled == HANDLED_ONE:
@@ -144,11 +135,11 @@ cdef class Loop:
     cdef int begin_tick(self, uint64_t event) except -1:
         """Tell what the loop does, and record it as EVENT_TICK or EVENT_CALLS."""
         subscriber_check(self.subscriber)
-        return tell_of_tick(self.subscriber, event, monotonic_ns())
+        return tell_of_tick(self.subscriber, self.subscriber.words.words, event, monotonic_ns())
 
     cdef int end_tick(self) except -1:
         subscriber_check(self.subscriber)
-        return try_to_store(subscriber_words(self.subscriber) + OUT_ACTIVITY, ACTIVITY_IDLE)
+        return try_to_store(self.subscriber.words.words + OUT_ACTIVITY, ACTIVITY_IDLE)
 
     cdef int tick(self) except -1:
         """Tick, and set when the next tick is due."""
@@ -157,7 +148,7 @@ cdef class Loop:
         begun_ns = monotonic_ns()
         self.module.tick()
         subscriber_check(self.subscriber)
-        words = subscriber_words(self.subscriber)
+        words = self.subscriber.words.words
         count_tick(words, late_ns, monotonic_ns() - begun_ns, &self.times.ticks)
         self.schedule()
         return self.end_tick()
@@ -178,7 +169,7 @@ cdef class Loop:
         missed = behind_ns // period_ns
         times.due_ns += missed * period_ns
         times.missed += missed
-        return try_to_store(subscriber_words(self.subscriber) + OUT_TICKS_MISSED, times.missed)
+        return try_to_store(self.subscriber.words.words + OUT_TICKS_MISSED, times.missed)
 
     cdef int wait(self, int64_t period_ns) except -1:
         """Wait for messages, for the next tick or for calls."""

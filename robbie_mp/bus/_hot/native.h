@@ -39,15 +39,23 @@ void raise_forked_process(void);
 /* Each adds its types and functions to the module; 0, or -1 with an exception set. */
 int add_message_types(PyObject *module);
 int add_message_layout_type(PyObject *module);
-int add_lock_type(PyObject *module);
-int add_endpoint_type(PyObject *module);
-int add_block_types(PyObject *module);
-int add_publisher_type(PyObject *module);
-int add_pin_types(PyObject *module);
-int add_history_type(PyObject *module);
-int add_subscriber_type(PyObject *module);
+int add_message_bytes_type(PyObject *module);
 
+/* The types in Cython. What it makes defines them after it has included what uses them. */
+struct block_object;
+struct endpoint_object;
+struct history_object;
+struct kept_blocks_object;
+struct lock_object;
+struct mapped_segment_object;
+struct pins_object;
+struct publisher_object;
+struct subscriber_object;
+struct unreferenced_object;
+
+#include "endpoint.h"
 #include "wakeup.h"
-#include "native_made.h" /* the types in Cython */
+#include <pythread.h>
+#include "native_made.h"
 
 #endif

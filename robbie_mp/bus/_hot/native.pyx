@@ -23,29 +23,24 @@ cdef extern from "fuse.h":
 cdef extern from "native.h":
     int add_message_types(object module) except -1
     int add_message_layout_type(object module) except -1
-    int add_lock_type(object module) except -1
-    int add_endpoint_type(object module) except -1
-    int add_block_types(object module) except -1
-    int add_publisher_type(object module) except -1
-    int add_pin_types(object module) except -1
-    int add_history_type(object module) except -1
-    int add_subscriber_type(object module) except -1
+    int add_message_bytes_type(object module) except -1
 
 LAYOUT_VERSION = LAYOUT_VERSION_IN_C
 SOURCES = ROBBIE_SOURCES.decode()
 add_fuse_types(this_module())
 add_message_types(this_module())
 add_message_layout_type(this_module())
-add_lock_type(this_module())
-add_endpoint_type(this_module())
-add_block_types(this_module())
-add_publisher_type(this_module())
-add_pin_types(this_module())
-add_history_type(this_module())
-add_subscriber_type(this_module())
+add_message_bytes_type(this_module())
 
 include "words.pxi"
 include "ring.pxi"
 include "wakeup.pxi"
+include "lock.pxi"
+include "endpoint.pxi"
+include "blocks.pxi"
+include "history.pxi"
+include "pins.pxi"
+include "publisher.pxi"
+include "subscriber.pxi"
 include "books.pxi"
 include "loop.pxi"

@@ -1,70 +1,12 @@
-/* The Python type Publisher: what robbie_mp/module/outbox.py leaves to C. */
-#include "block_bindings.h"
+/* What robbie_mp/module/outbox.py leaves to C. */
+#include "publisher.h"
+#include "blocks.h"
 #include "endpoint_bindings.h"
-#include "history_bindings.h"
+#include "history.h"
 #include "message_codec.h"
 #include "clock.h"
 
 enum { MAX_COLLECTED = 512 }; /* freed blocks at a time; Python collects the others */
-
-struct publisher_object {
-    PyObject_HEAD
-    struct endpoint_object *endpoint;
-    struct kept_blocks_object *blocks;
-    struct held_words words;
-    PyObject *declarations; /* dict: numbers of the channels, by message class and topic */
-    PyObject *held; /* dict: blocks of loans whose arrays are referred to after its end; Python frees them */
-    struct history_object *history; /* NULL: nothing is recorded */
-    uint64_t published_when_asked; /* messages published when `outstanding` was last called */
-};
-
-static PyObject *publisher_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
-{
-    static char *names[] = {"endpoint", "blocks", "words", "declarations", "held", NULL};
-    PyObject *endpoint, *blocks, *words, *declarations, *held;
-    if (!PyArg_ParseTupleAndKeywords(args, keywords, "O!O!OO!O!", names, &endpoint_type, &endpoint, &kept_blocks_type,
-                                     &blocks, &words, &PyDict_Type, &declarations, &PyDict_Type, &held))
-        return NULL;
-    struct publisher_object *self = (struct publisher_object *)type->tp_alloc(type, 0);
-    if (self == NULL)
-        return NULL;
-    self->endpoint = (struct endpoint_object *)Py_NewRef(endpoint);
-    self->blocks = (struct kept_blocks_object *)Py_NewRef(blocks);
-    self->declarations = Py_NewRef(declarations);
-    self->held = Py_NewRef(held);
-    self->published_when_asked = UINT64_MAX;
-    if (hold_words(&self->words, words, true) != 0) {
-        Py_DECREF(self);
-        return NULL;
-    }
-    if (self->words.count < OUT_RING) {
-        Py_DECREF(self);
-        PyErr_SetString(PyExc_ValueError, "these are not the words of an outbound segment");
-        return NULL;
-    }
-    return (PyObject *)self;
-}
-
-static int publisher_traverse(struct publisher_object *self, visitproc visit, void *arg)
-{
-    Py_VISIT(self->endpoint);
-    Py_VISIT(self->blocks);
-    Py_VISIT(self->declarations);
-    Py_VISIT(self->held);
-    return 0;
-}
-
-static void publisher_dealloc(struct publisher_object *self)
-{
-    PyObject_GC_UnTrack(self);
-    release_words(&self->words);
-    Py_XDECREF(self->endpoint);
-    Py_XDECREF(self->blocks);
-    Py_XDECREF(self->declarations);
-    Py_XDECREF(self->held);
-    Py_XDECREF(self->history);
-    Py_TYPE(self)->tp_free(self);
-}
 
 /* The channel's number; 0 if it is not declared, or -1 with an exception. */
 static int find_declaration(struct publisher_object *self, PyObject *message, PyObject *topic, uint64_t *number)
@@ -208,14 +150,10 @@ static PyObject *published(struct publisher_object *self, uint64_t size)
     return PyLong_FromUnsignedLongLong(size);
 }
 
-static PyObject *publish(struct publisher_object *self, PyObject *const *arguments, Py_ssize_t count)
+PyObject *publisher_publish(struct publisher_object *self, PyObject *message_object, PyObject *topic)
 {
-    if (count != 2) {
-        PyErr_SetString(PyExc_TypeError, "publish takes a message and a topic");
-        return NULL;
-    }
     struct prepared_message message;
-    const int is_mine = prepare(self, arguments[0], arguments[1], &message);
+    const int is_mine = prepare(self, message_object, topic, &message);
     if (is_mine == 0)
         Py_RETURN_NONE;
     if (is_mine < 0 || take_prepared(self, &message) != 0 ||
@@ -224,34 +162,23 @@ static PyObject *publish(struct publisher_object *self, PyObject *const *argumen
     return published(self, message.size);
 }
 
-static PyObject *publish_encoded(struct publisher_object *self, PyObject *args)
+PyObject *publisher_publish_encoded(struct publisher_object *self, uint64_t declaration, const void *data, uint64_t size)
 {
-    struct prepared_message message;
-    unsigned long long declaration;
-    Py_buffer source;
-    if (!PyArg_ParseTuple(args, "Ky*", &declaration, &source))
-        return NULL;
-    message.declaration = declaration;
-    message.size = (uint64_t)source.len;
-    int done = find_block(self, &message);
-    if (done > 0) {
-        memcpy(start_of(&message), source.buf, (size_t)source.len);
-        if (take_prepared(self, &message) != 0 ||
-            pass_on(self, message.block, message.declaration, message.size) != 0)
-            done = -1;
-    }
-    PyBuffer_Release(&source);
-    if (done == 0)
+    struct prepared_message message = {.declaration = declaration, .size = size};
+    const int found = find_block(self, &message);
+    if (found == 0)
         Py_RETURN_NONE;
-    return done < 0 ? NULL : published(self, message.size);
+    if (found < 0)
+        return NULL;
+    memcpy(start_of(&message), data, size);
+    if (take_prepared(self, &message) != 0 || pass_on(self, message.block, message.declaration, message.size) != 0)
+        return NULL;
+    return published(self, message.size);
 }
 
-static PyObject *hand_over(struct publisher_object *self, PyObject *args)
+PyObject *publisher_hand_over(struct publisher_object *self, struct block_object *block, uint64_t declaration,
+                              uint64_t size)
 {
-    struct block_object *block;
-    unsigned long long declaration, size;
-    if (!PyArg_ParseTuple(args, "KO!K", &declaration, &block_type, &block, &size))
-        return NULL;
     if (self->words.words == NULL || !endpoint_is_mine(self->endpoint) ||
         !endpoint_may_publish(&self->endpoint->endpoint)) {
         if (PyErr_Occurred())
@@ -263,7 +190,7 @@ static PyObject *hand_over(struct publisher_object *self, PyObject *args)
     return published(self, size);
 }
 
-static PyObject *outstanding(struct publisher_object *self, PyObject *Py_UNUSED(none))
+PyObject *publisher_outstanding(struct publisher_object *self)
 {
     if (self->words.words == NULL || !endpoint_is_mine(self->endpoint) || collect_freed(self) <= 0) {
         if (PyErr_Occurred())
@@ -276,52 +203,4 @@ static PyObject *outstanding(struct publisher_object *self, PyObject *Py_UNUSED(
         return NULL;
     self->published_when_asked = published;
     return PyLong_FromSsize_t(taken);
-}
-
-static PyObject *let_go(struct publisher_object *self, PyObject *Py_UNUSED(ignored))
-{
-    release_words(&self->words);
-    PyDict_Clear(self->declarations); /* so no message is of the common form any more */
-    Py_RETURN_NONE;
-}
-
-static PyObject *record_into(struct publisher_object *self, PyObject *history)
-{
-    if (!PyObject_TypeCheck(history, &history_type)) {
-        PyErr_SetString(PyExc_TypeError, "expected a History");
-        return NULL;
-    }
-    Py_XSETREF(self->history, (struct history_object *)Py_NewRef(history));
-    Py_RETURN_NONE;
-}
-
-static PyMethodDef publisher_methods[] = {
-    {"record_into", (PyCFunction)record_into, METH_O, "Record from now on what is published."},
-    {"publish", (PyCFunction)(void (*)(void))publish, METH_FASTCALL,
-     "Publish a message: True; its size, if Python must prepare the next block; None if this is not mine."},
-    {"publish_encoded", (PyCFunction)publish_encoded, METH_VARARGS,
-     "Publish an encoded message, as `publish`: its channel's number, its bytes."},
-    {"hand_over", (PyCFunction)hand_over, METH_VARARGS,
-     "Publish a block in use that holds a message, as `publish`: its channel's number, the block, its size."},
-    {"outstanding", (PyCFunction)outstanding, METH_NOARGS,
-     "The number of messages that subscribers wait for or hold; None if this is not mine."},
-    {"close", (PyCFunction)let_go, METH_NOARGS, "Let go of the memory."},
-    {0},
-};
-
-static PyTypeObject publisher_type = {
-    PyVarObject_HEAD_INIT(NULL, 0)
-    .tp_name = "robbie_mp.bus._hot.native.Publisher",
-    .tp_doc = "The common form of what robbie_mp.module.outbox.Outbox.publish does.",
-    .tp_basicsize = sizeof(struct publisher_object),
-    .tp_flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC,
-    .tp_new = publisher_new,
-    .tp_dealloc = (destructor)publisher_dealloc,
-    .tp_traverse = (traverseproc)publisher_traverse,
-    .tp_methods = publisher_methods,
-};
-
-int add_publisher_type(PyObject *module)
-{
-    return PyModule_AddType(module, &publisher_type);
 }

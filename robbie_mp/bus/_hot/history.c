@@ -1,6 +1,6 @@
-/* The Python type History, with the interface of HistoryWriter in robbie_mp/bus/transport/history.py. */
+/* What a module has handled; the same as HistoryWriter in robbie_mp/bus/transport/history.py. */
 #define _DEFAULT_SOURCE /* madvise */
-#include "history_bindings.h"
+#include "history.h"
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/statvfs.h>
@@ -17,48 +17,8 @@ enum {
     LARGEST_PUBLISHED_SHARE = 256,
     GROWTH_BYTES = 1 << 16,
     ROOM_FACTOR = 16,
-    MIN_RING_WORDS = 1024,
 };
 static const char shared_memory[] = "/dev/shm";
-
-static PyObject *history_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
-{
-    static char *names[] = {"words", "ready_bytes", NULL};
-    PyObject *words;
-    unsigned long long ready_bytes = 0;
-    if (!PyArg_ParseTupleAndKeywords(args, keywords, "O|K", names, &words, &ready_bytes))
-        return NULL;
-    struct history_object *self = (struct history_object *)type->tp_alloc(type, 0);
-    if (self == NULL)
-        return NULL;
-    if (hold_words(&self->words, words, true) != 0) {
-        Py_DECREF(self);
-        return NULL;
-    }
-    if (self->words.count < HISTORY_RING + MIN_RING_WORDS) {
-        Py_DECREF(self);
-        PyErr_SetString(PyExc_ValueError, "these words are no history");
-        return NULL;
-    }
-    const uint64_t whole_bytes = (uint64_t)self->words.count * 8;
-    self->most_capacity = whole_bytes - HISTORY_RING * 8;
-    if (ready_bytes == 0)
-        ready_bytes = whole_bytes;
-    if (ready_bytes < (HISTORY_RING + MIN_RING_WORDS) * 8 || ready_bytes > whole_bytes || ready_bytes % 8 != 0) {
-        Py_DECREF(self);
-        PyErr_SetString(PyExc_ValueError, "so much of a history cannot be ready");
-        return NULL;
-    }
-    self->capacity = ready_bytes - HISTORY_RING * 8;
-    store(self->words.words + HISTORY_CAPACITY, self->capacity);
-    return (PyObject *)self;
-}
-
-static void history_dealloc(struct history_object *self)
-{
-    release_words(&self->words);
-    Py_TYPE(self)->tp_free(self);
-}
 
 static shared_word *word_at(const struct history_object *self, uint64_t number)
 {
@@ -93,7 +53,7 @@ static void grow(struct history_object *self, uint64_t bytes)
 
 static bool is_open(const struct history_object *self)
 {
-    return self != NULL && !self->is_disowned && self->words.words != NULL;
+    return (PyObject *)self != Py_None && !self->is_disowned && self->words.words != NULL;
 }
 
 void history_prepare(struct history_object *self)
@@ -167,74 +127,4 @@ void history_append(struct history_object *self, const struct history_event *eve
     fence_stores();
     store(words + HISTORY_RECORDS, number);
     store(words + HISTORY_HEAD, head + whole);
-}
-
-static PyObject *append(struct history_object *self, PyObject *const *arguments, Py_ssize_t count)
-{
-    struct history_event event = {0};
-    uint64_t *const numbers[] = {&event.kind,      &event.time_ns,   &event.values[0],
-                                 &event.values[1], &event.values[2], &event.values[3]};
-    if (count < 1 || count > 7) {
-        PyErr_SetString(PyExc_TypeError, "append takes a kind, a time, four values and data");
-        return NULL;
-    }
-    for (Py_ssize_t index = 0; index < count && index < 6; index++)
-        *numbers[index] = PyLong_AsUnsignedLongLongMask(arguments[index]);
-    if (PyErr_Occurred())
-        return NULL;
-    MAY_DIE(return NULL);
-    if (count < 7) {
-        history_append(self, &event, NULL, 0);
-        Py_RETURN_NONE;
-    }
-    Py_buffer data;
-    if (PyObject_GetBuffer(arguments[6], &data, PyBUF_SIMPLE) != 0)
-        return NULL;
-    history_append(self, &event, data.buf, (uint64_t)data.len);
-    PyBuffer_Release(&data);
-    Py_RETURN_NONE;
-}
-
-static PyObject *prepare(struct history_object *self, PyObject *Py_UNUSED(none))
-{
-    MAY_DIE(return NULL);
-    history_prepare(self);
-    Py_RETURN_NONE;
-}
-
-static PyObject *let_go(struct history_object *self, PyObject *Py_UNUSED(none))
-{
-    release_words(&self->words);
-    Py_RETURN_NONE;
-}
-
-static PyObject *disown(struct history_object *self, PyObject *Py_UNUSED(none))
-{
-    self->is_disowned = true;
-    Py_RETURN_NONE;
-}
-
-static PyMethodDef history_methods[] = {
-    {"append", (PyCFunction)(void (*)(void))append, METH_FASTCALL,
-     "Append an event: its kind, its time, up to four values, its data."},
-    {"prepare", (PyCFunction)prepare, METH_NOARGS, "Take memory for what comes next."},
-    {"close", (PyCFunction)let_go, METH_NOARGS, "Let go of the memory."},
-    {"disown", (PyCFunction)disown, METH_NOARGS, "Record nothing in a forked process."},
-    {0},
-};
-
-PyTypeObject history_type = {
-    PyVarObject_HEAD_INIT(NULL, 0)
-    .tp_name = "robbie_mp.bus._hot.native.History",
-    .tp_doc = "What a module has handled.",
-    .tp_basicsize = sizeof(struct history_object),
-    .tp_flags = Py_TPFLAGS_DEFAULT,
-    .tp_new = history_new,
-    .tp_dealloc = (destructor)history_dealloc,
-    .tp_methods = history_methods,
-};
-
-int add_history_type(PyObject *module)
-{
-    return PyModule_AddType(module, &history_type);
 }

@@ -1,22 +1,15 @@
 /* Taking and handling messages, for the loop of a module. */
-#ifndef ROBBIE_SUBSCRIBER_BINDINGS_H
-#define ROBBIE_SUBSCRIBER_BINDINGS_H
+#ifndef ROBBIE_SUBSCRIBER_H
+#define ROBBIE_SUBSCRIBER_H
 
 #include "native.h"
 #include <stdbool.h>
-
-struct subscriber_object;
-
-extern PyTypeObject subscriber_type;
 
 enum handled { HANDLED_ONE, HANDLED_NONE, HANDLED_NOT_MINE, HANDLED_WITH_ERROR };
 
 /* Take and handle the next message for an Inbox. HANDLED_NOT_MINE: Python must do it; HANDLED_WITH_ERROR: an
  * exception is set. */
 enum handled subscriber_handle_next(struct subscriber_object *self, PyObject *inbox);
-
-/* The words of the module's outbound segment; NULL if they are closed. */
-shared_word *subscriber_words(const struct subscriber_object *self);
 
 /* Record an event of the loop, such as EVENT_TICK, that is about to happen. */
 void subscriber_record(const struct subscriber_object *self, uint64_t event, uint64_t time_ns);

@@ -1,29 +1,14 @@
-/* The Python type Subscriber: what robbie_mp/module/inbox.py leaves to C. */
-#include "subscriber_bindings.h"
+/* What robbie_mp/module/inbox.py leaves to C. */
+#include "subscriber.h"
 #include "endpoint_bindings.h"
-#include "history_bindings.h"
+#include "history.h"
 #include "message_codec.h"
-#include "pin_bindings.h"
+#include "pins.h"
 #include "clock.h"
 #include "figures.h"
-#include <structmember.h>
 
 /* Where a Subscription of subscriptions.py has these. */
 enum { AT_DECODER = 2, AT_HANDLER = 3, SUBSCRIPTION_FIELDS = 6 };
-
-struct subscriber_object {
-    PyObject_HEAD
-    struct endpoint_object *endpoint;
-    struct held_words words;
-    PyObject *segments;      /* dict: MappedSegment by the source that names it */
-    PyObject *subscriptions; /* dict: Subscription by its number */
-    struct unreferenced_object *unreferenced;
-    struct pins_object *pins;
-    PyObject *robbie_error;
-    struct history_object *history; /* NULL: nothing is recorded */
-    struct delivery current;
-    bool is_handling;
-};
 
 /* A message to be handled, and what is needed for that. */
 struct handled_message {
@@ -35,57 +20,6 @@ struct handled_message {
     uint64_t newest_before_ns, ill_formed_before; /* what is in the words of the module without this message */
     bool is_lost;
 };
-
-static PyObject *subscriber_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
-{
-    static char *names[] = {"endpoint", "words", "segments", "subscriptions", "unreferenced", "pins", "robbie_error",
-                            NULL};
-    PyObject *endpoint, *words, *segments, *subscriptions, *unreferenced, *pins, *robbie_error;
-    if (!PyArg_ParseTupleAndKeywords(args, keywords, "O!OO!O!O!O!O", names, &endpoint_type, &endpoint, &words,
-                                     &PyDict_Type, &segments, &PyDict_Type, &subscriptions, &unreferenced_type,
-                                     &unreferenced, &pins_type, &pins, &robbie_error))
-        return NULL;
-    struct subscriber_object *self = (struct subscriber_object *)type->tp_alloc(type, 0);
-    if (self == NULL)
-        return NULL;
-    self->endpoint = (struct endpoint_object *)Py_NewRef(endpoint);
-    self->segments = Py_NewRef(segments);
-    self->subscriptions = Py_NewRef(subscriptions);
-    self->unreferenced = (struct unreferenced_object *)Py_NewRef(unreferenced);
-    self->pins = (struct pins_object *)Py_NewRef(pins);
-    self->robbie_error = Py_NewRef(robbie_error);
-    if (hold_words(&self->words, words, true) != 0)
-        Py_CLEAR(self);
-    else if (self->words.count < OUT_RING) {
-        Py_CLEAR(self);
-        PyErr_SetString(PyExc_ValueError, "these are not the words of an outbound segment");
-    }
-    return (PyObject *)self;
-}
-
-static int subscriber_traverse(struct subscriber_object *self, visitproc visit, void *arg)
-{
-    Py_VISIT(self->endpoint);
-    Py_VISIT(self->segments);
-    Py_VISIT(self->subscriptions);
-    Py_VISIT(self->pins);
-    Py_VISIT(self->robbie_error);
-    return 0;
-}
-
-static void subscriber_dealloc(struct subscriber_object *self)
-{
-    PyObject_GC_UnTrack(self);
-    release_words(&self->words);
-    Py_XDECREF(self->endpoint);
-    Py_XDECREF(self->segments);
-    Py_XDECREF(self->subscriptions);
-    Py_XDECREF(self->unreferenced);
-    Py_XDECREF(self->pins);
-    Py_XDECREF(self->robbie_error);
-    Py_XDECREF(self->history);
-    Py_TYPE(self)->tp_free(self);
-}
 
 /* -- the steps ---------------------------------------------------------------------------------------------- */
 /* They return 1, 0 without a store if this is not mine, or -1 with an exception set. */
@@ -161,13 +95,13 @@ static int begin(struct subscriber_object *self, struct handled_message *message
     message->newest_before_ns = load(newest);
     message->ill_formed_before = load(words + OUT_ILL_FORMED);
     store(newest, message->delivery.stamp_ns);
-    self->current = message->delivery;
+    self->handled = message->delivery;
     self->is_handling = true;
     const struct delivery *delivery = &message->delivery;
     const uint64_t place = delivery->channel | delivery->declaration << 32;
     const struct history_event event = {EVENT_MESSAGE, message->begun_ns,
                                         {place, delivery->sequence, delivery->source, delivery->stamp_ns}};
-    history_append(self->history, &event, first_byte(message->bytes), message->bytes->size);
+    history_append(self->history, &event, message->bytes->first, message->bytes->size);
     return 1;
 }
 
@@ -176,7 +110,7 @@ static PyObject *decode(struct handled_message *message)
     PyObject *decoder = PyTuple_GET_ITEM(message->subscription, AT_DECODER);
     struct message_codec *codec = PyType_Check(decoder) ? codec_of((PyTypeObject *)decoder) : NULL;
     if (codec != NULL && codec->is_installed[FUNCTION_DECODE]) {
-        PyObject *decoded = codec_decode(codec, first_byte(message->bytes), (Py_ssize_t)message->bytes->size,
+        PyObject *decoded = codec_decode(codec, message->bytes->first, (Py_ssize_t)message->bytes->size,
                                          (PyObject *)message->bytes, false);
         if (decoded != NULL || PyErr_Occurred())
             return decoded;
@@ -321,11 +255,6 @@ enum handled subscriber_handle_next(struct subscriber_object *self, PyObject *in
     return done > 0 ? HANDLED_ONE : HANDLED_WITH_ERROR;
 }
 
-shared_word *subscriber_words(const struct subscriber_object *self)
-{
-    return self->words.words;
-}
-
 void subscriber_record(const struct subscriber_object *self, uint64_t event, uint64_t time_ns)
 {
     const struct history_event recorded = {event, time_ns, {0}};
@@ -335,80 +264,4 @@ void subscriber_record(const struct subscriber_object *self, uint64_t event, uin
 void subscriber_prepare_history(const struct subscriber_object *self)
 {
     history_prepare(self->history);
-}
-
-static PyObject *record_into(struct subscriber_object *self, PyObject *history)
-{
-    if (!PyObject_TypeCheck(history, &history_type)) {
-        PyErr_SetString(PyExc_TypeError, "expected a History");
-        return NULL;
-    }
-    Py_XSETREF(self->history, (struct history_object *)Py_NewRef(history));
-    Py_RETURN_NONE;
-}
-
-static PyObject *handle_next(struct subscriber_object *self, PyObject *inbox)
-{
-    switch (subscriber_handle_next(self, inbox)) {
-    case HANDLED_ONE:
-        Py_RETURN_TRUE;
-    case HANDLED_NONE:
-        Py_RETURN_FALSE;
-    case HANDLED_NOT_MINE:
-        Py_RETURN_NONE;
-    default:
-        return NULL;
-    }
-}
-
-static PyObject *get_current(struct subscriber_object *self, void *Py_UNUSED(closure))
-{
-    if (!self->is_handling)
-        Py_RETURN_NONE;
-    return new_delivery(self->endpoint->delivery_type, &self->current);
-}
-
-static PyObject *get_source(struct subscriber_object *self, void *Py_UNUSED(closure))
-{
-    if (!self->is_handling)
-        Py_RETURN_NONE;
-    return PyLong_FromUnsignedLongLong(self->current.source);
-}
-
-static PyObject *let_go(struct subscriber_object *self, PyObject *Py_UNUSED(ignored))
-{
-    release_words(&self->words);
-    Py_RETURN_NONE;
-}
-
-static PyMethodDef subscriber_methods[] = {
-    {"handle_next", (PyCFunction)handle_next, METH_O,
-     "Take and handle the next message for an Inbox; False if there is none, None if this is not mine."},
-    {"record_into", (PyCFunction)record_into, METH_O, "Record from now on what is handled."},
-    {"close", (PyCFunction)let_go, METH_NOARGS, "Let go of the memory."},
-    {0},
-};
-
-static PyGetSetDef subscriber_attributes[] = {
-    {"current", (getter)get_current, NULL, "The delivery of the message that is being handled, or None.", NULL},
-    {"source", (getter)get_source, NULL, "The source of the message that is being handled, or None.", NULL},
-    {0},
-};
-
-PyTypeObject subscriber_type = {
-    PyVarObject_HEAD_INIT(NULL, 0)
-    .tp_name = "robbie_mp.bus._hot.native.Subscriber",
-    .tp_doc = "The common form of taking and handling a message.",
-    .tp_basicsize = sizeof(struct subscriber_object),
-    .tp_flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC,
-    .tp_new = subscriber_new,
-    .tp_dealloc = (destructor)subscriber_dealloc,
-    .tp_traverse = (traverseproc)subscriber_traverse,
-    .tp_methods = subscriber_methods,
-    .tp_getset = subscriber_attributes,
-};
-
-int add_subscriber_type(PyObject *module)
-{
-    return PyModule_AddType(module, &subscriber_type);
 }

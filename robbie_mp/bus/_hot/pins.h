@@ -1,28 +1,14 @@
 /* Messages in other modules' memory, and what is still in use of them. */
-#ifndef ROBBIE_PIN_BINDINGS_H
-#define ROBBIE_PIN_BINDINGS_H
+#ifndef ROBBIE_PINS_H
+#define ROBBIE_PINS_H
 
 #include "endpoint_bindings.h"
 #include "native.h"
-
-/* A data segment of another module. It is mapped as long as this object exists. */
-struct mapped_segment_object {
-    PyObject_HEAD
-    struct held_words words;
-};
 
 /* A number in a list that a finalizer can lengthen: it takes no memory then. */
 struct reference_node {
     struct reference_node *next;
     uint64_t reference;
-};
-
-/* References to messages that nothing refers to any more, first in, first out. */
-struct unreferenced_object {
-    PyObject_HEAD
-    struct reference_node *first;
-    struct reference_node *last; /* undefined if there is none */
-    Py_ssize_t count;
 };
 
 /* The bytes of a message. Every view of them, however derived, refers to this object; so it is deallocated when
@@ -32,7 +18,7 @@ struct message_bytes_object {
     struct mapped_segment_object *segment;
     struct unreferenced_object *unreferenced;
     struct reference_node *node; /* to be appended to `unreferenced` at the end; NULL: nobody waits for that */
-    uint64_t start;
+    uint8_t *first;
     uint64_t size;
 };
 
@@ -43,28 +29,15 @@ struct pinned_publisher {
     uint64_t bytes;
 };
 
-/* The messages that this module keeps from being released. */
-struct pins_object {
-    PyObject_HEAD
-    PyObject *by_reference; /* dict: delivery, and what is kept alive with it, by the reference */
-    struct held_words words;
-    struct pinned_publisher *publishers; /* those of which something is pinned */
-    size_t publisher_count;
-    size_t publisher_room;
-    uint64_t bytes;
-};
-
-extern PyTypeObject mapped_segment_type, unreferenced_type, message_bytes_type, pins_type;
+extern PyTypeObject message_bytes_type;
 
 /* Return the bytes of a message; NULL with an exception. They must lie in the segment. */
 struct message_bytes_object *new_message_bytes(struct mapped_segment_object *segment, uint64_t start, uint64_t size);
-static inline uint8_t *first_byte(const struct message_bytes_object *self)
-{
-    return (uint8_t *)self->segment->words.words + self->start;
-}
 /* From now on, tell when the last view is gone; 0, or -1 with an exception. */
 int keep_message_bytes(struct message_bytes_object *self, struct unreferenced_object *unreferenced, uint64_t reference);
 
+struct reference_node *new_node(uint64_t reference);
+void append_node(struct unreferenced_object *self, struct reference_node *node);
 /* Take the first of the references, of which there must be one. */
 uint64_t pop_reference(struct unreferenced_object *self);
 
@@ -72,6 +45,9 @@ uint64_t pop_reference(struct unreferenced_object *self);
 bool pins_have_room(const struct pins_object *self, const struct delivery *delivery, uint64_t free_bytes);
 /* Pin a message, and count it; 0, or -1 with an exception. */
 int add_pin(struct pins_object *self, const struct delivery *delivery, PyTypeObject *delivery_type);
+/* The same together with an object that is to live as long. */
+int pin(struct pins_object *self, PyObject *delivery, PyObject *with, uint64_t reference, uint64_t source,
+        uint64_t size);
 /* Return the delivery of a message that is no longer pinned, and count that; NULL with an exception. */
 PyObject *remove_pin(struct pins_object *self, uint64_t reference);
 

@@ -1,19 +1,9 @@
 /* A reentrant lock that C code can look at. */
-#ifndef ROBBIE_LOCK_BINDINGS_H
-#define ROBBIE_LOCK_BINDINGS_H
+#ifndef ROBBIE_LOCK_H
+#define ROBBIE_LOCK_H
 
 #include "native.h"
 #include <pythread.h>
-
-/* Its words change only under the GIL. */
-struct lock_object {
-    PyObject_HEAD
-    PyThread_type_lock lock;
-    unsigned long owner;
-    unsigned long depth; /* how often its owner has taken it; 0: it is free */
-};
-
-extern PyTypeObject lock_type;
 
 /* Whether another thread holds it. If not, and until you let go of the GIL, you need not take it. */
 bool lock_is_elsewhere(const struct lock_object *lock);
