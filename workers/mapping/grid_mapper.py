@@ -20,6 +20,7 @@ from robbie_robots.workers.mapping.key_sweeps import KeySweeps
 from robbie_robots.workers.mapping.loop_closing import LoopCloser
 from robbie_robots.workers.mapping.map_renderer import MapRenderer
 from robbie_robots.workers.mapping.occupancy_grid import GrowingGrid
+from robbie_robots.workers.mapping.odometry_deviation import first_guess
 from robbie_robots.workers.mapping.redundancy import redundant
 from robbie_robots.workers.mapping.scan_matcher import Match
 from robbie_robots.workers.mapping.scan_tracker import ScanTracker
@@ -30,6 +31,7 @@ from robbie_robots.workers.row_log import RowLog
 
 HARDLY_M, HARDLY_RAD = 0.05, 0.03  # a sweep taken nearer to the last one adds no information
 KEY_M, KEY_RAD = 0.25, 0.2  # from one key sweep to the next
+FARTHEST_M, FARTHEST_RAD = 0.5, 0.4  # way and turns over which odometry leads to the next sweep
 FEWEST_HITS = 20
 THINNED = 0.1  # share of the key sweeps removed at a time
 GAP_S, GAP_M = 2.0, 2.0  # a pause between two sweeps in which the robot moved this far is a gap
@@ -127,6 +129,7 @@ class GridMapper:
         self._waiting: deque[_WaitingSweep] = deque()
         self._pauses_s: deque[float] = deque(maxlen=PAUSES)  # between the newest sweeps
         self._newest = (np.inf, NOWHERE, 0.0)  # newest sweep: stamp (s), pose and place by odometry
+        self._base = np.zeros(8)  # the anchor from which odometry leads to the next sweep
 
     def add_odometry(self, stamp_s: float, pose: ArrayLike) -> None:
         """Add an odometry pose (x m, y m, heading rad; odometry frame)."""
@@ -273,6 +276,7 @@ class GridMapper:
             "thinned": self.thinned,
             "gaps": {"noticed": self.gaps_noticed, "open": self.gaps_open},
             "newest": np.array([self._newest[0], *self._newest[1], self._newest[2]]),
+            "base": self._base.copy(),
             "odometry": self._odometry.log.state(),
             "anchors": self._anchors.state(),
             "keys": self._keys.state(),
@@ -301,6 +305,8 @@ class GridMapper:
             mapper._newest = float(stamp_s), np.array(pose), float(position)
         mapper._odometry.log.restore(state["odometry"])
         mapper._anchors.restore(state["anchors"])
+        if len(mapper._anchors):
+            mapper._base = np.array(state.get("base", mapper._anchors.rows[-1]))
         mapper._keys.restore(state["keys"])
         mapper._closer.restore(state["loops"])
         mapper._slips.restore(state["slips"])
@@ -337,6 +343,7 @@ class GridMapper:
         self._newest = stamp_s, odometry, place.position
         if not len(self._keys):
             self._anchor(place, odometry, self._keys.add(sweep, odometry), NOWHERE)
+            self._base = self._anchors.rows[-1].copy()
             return
         last = self._anchors.rows[-1]
         step = relative(last[1:4], odometry)
@@ -345,36 +352,44 @@ class GridMapper:
             return
         if len(self._keys) >= self.limits.key_sweeps:
             self._thin()
-            last = self._anchors.rows[-1]
         if len(self._keys) >= self.limits.key_sweeps:
             self.refused["sweeps beyond the limit of key sweeps"] += 1
             return
         noticed, parts = self._slips.noticed, self._parts
+        calibration, before = self._tracker.odometry_deviation, self._corrected(self._base)
+        raw = relative(self._base[1:4], odometry)
+        step, moved = calibration.corrected(raw), self._odometry.moved(self._base[0], place.position)
         if is_gap:
-            match = self._match_after_gap(sweep, self._corrected(last), step, (last[0], place.position))
+            match = self._match_after_gap(sweep, before, step, (self._base[0], place.position))
         else:
-            deviation = self._tracker.odometry_deviation.over(step)
-            match = self._checked_match(sweep, self._corrected(last), step, deviation)
-            if match is not None and self._slips.noticed == noticed:
-                self._tracker.odometry_deviation.learn(
-                    step, relative(self._corrected(last), match.pose), match.known
-                )
-            else:
-                self._tracker.odometry_deviation.interrupt()
+            match = self._checked_match(sweep, before, step, calibration.over(moved))
         if match is None:
             return
-        base = len(self._keys) - 1
+        has_slipped = is_gap or self._slips.noticed > noticed
+        is_key = self._place(match, sweep, place, must_be_key=self._parts > parts)
+        if is_key or has_slipped or moved[0] > FARTHEST_M or moved[2] > FARTHEST_RAD:
+            if has_slipped:
+                calibration.interrupt()
+            else:
+                calibration.learn(raw, relative(before, match.pose), moved, match.known)
+            self._base = self._anchors.rows[-1].copy()
+        if is_key:
+            self._closer.look()
+            self._tracker.forget()
+
+    def _place(self, match: Match, sweep: LaserSweep, place: TrackMoment, must_be_key: bool) -> bool:
+        """Anchor the trajectory at a matched sweep. Return whether it has become a key sweep."""
+        odometry, base = self._laser(place.pose), len(self._keys) - 1
         offset = relative(self._keys.poses[base], match.pose)
         is_near = np.hypot(offset[0], offset[1]) < KEY_M and abs(offset[2]) < KEY_RAD
-        if is_near and self._parts == parts:
+        if is_near and not must_be_key:
             self._anchor(place, odometry, base, offset)
-            return
+            return False
         information = rotated_information(match.information, -self._keys.poses[base, 2])
         key = self._keys.add(sweep, match.pose)
         self._keys.graph.add_edge(base, key, offset, information)
         self._anchor(place, odometry, key, NOWHERE)
-        self._closer.look()
-        self._tracker.forget()
+        return True
 
     def _checked_match(
         self,
@@ -408,7 +423,7 @@ class GridMapper:
         Where the map knows nothing of what the sweep shows, take odometry's word for it.
         """
         guess, moved = compose(before, step), self._odometry.moved(*positions)
-        deviation = self._tracker.odometry_deviation.over(moved)
+        deviation = first_guess(moved)  # what was learnt need not hold where nothing was seen
         if self._odometry.longest_pause_s(*positions) >= SILENCE_S:
             deviation = np.maximum(deviation, CARRIED)
         self.gaps_noticed += 1
@@ -471,6 +486,7 @@ class GridMapper:
         moved = heirs[keys] != keys
         anchors[moved, 5:8] = offsets[moved]
         anchors[:, 4] = heirs[keys] - np.searchsorted(numbers, heirs[keys])
+        self._base = anchors[-1].copy()
         self._closer.renumber(heirs - np.searchsorted(numbers, heirs))
         self.thinned += len(numbers)
 

@@ -1,10 +1,12 @@
 """How far wheel odometry may be off, learnt from how well it predicts good matches.
 
-At first, odometry is assumed to be that of an uncalibrated robot. After each stretch of the way, a running
-average of its squared error is updated, separately for each axis: along, across, and heading. A match counts
-for an axis only if it knows more about it than odometry does, and in proportion: otherwise a robot in a bare
-corridor would consider its odometry perfect. In outline, this is the adaptive estimation of Mehra, "On the
-identification of variances and adaptive Kalman filtering" (1970), with clipped errors (Huber).
+Odometry errs in two ways. Systematic errors of scale and heading stay the same for long: a Kalman filter
+estimates them from stretches of the way, and the estimate corrects odometry, also where a bare corridor shows
+nothing. The rest is random. At first, odometry is assumed to be that of an uncalibrated robot; after each
+stretch, its error makes some variances more likely than others, separately along, across, and in heading.
+The likelihood contains the noise of matches and what they do not know, so a bare corridor teaches nothing. In
+outline: Mehra, "On the identification of variances and adaptive Kalman filtering" (1970), and Roy and Thrun,
+"Online self-calibration for mobile robots" (ICRA 1999), with clipped errors (Huber).
 """
 
 from collections.abc import Mapping
@@ -16,88 +18,122 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_robots.workers.planar_pose import compose, relative, wrap_angle
 
 STRETCH_M, STRETCH_RAD = 1.5, 1.0  # errors of shorter ways say little of longer ones
-PRIOR, MOST = 6.0, 60.0  # weight of the first guess, and greatest weight of the past, in stretches
-LEAST_KNOWN = 0.5  # share of what is known of an axis that must come from the match
-CUT = 9.0  # squared errors are clipped here, in variances
-WHOLE_SLIP, LEAST_SLIP = (
-    0.25,
-    0.2,
-)  # m or rad of a step with the full slip; least share of it
-LEAST, GREATEST = 0.05**2, 1.5**2  # of the variance, as a share of the first guess
+MEMORY = 60.0  # stretches after which what was learnt counts for a third
+CUT = 3.0  # standard deviations at which errors are clipped
+WHOLE_SLIP, LEAST_SLIP = 0.25, 0.2  # m or rad of a step with the full slip; least share of it
+SHARES = np.geomspace(0.05, np.sqrt(2.0), 100)  # possible standard deviations, as a share of the first guess
+SYSTEMATIC = np.diag([0.1, 0.05, 0.1]) ** 2  # covariance of scale, rad per m, rad per rad of an unknown robot
+LEAST_SEEN = 1e-3
 
 
 class OdometryDeviation:
-    """The standard deviation of odometry over a step."""
+    """Odometry's systematic errors, and its standard deviation over a step without them.
+
+    Attributes:
+        systematic: Share by which a way is longer than odometry says, and a robot's turn beyond what
+            odometry says, rad for each m and for each rad.
+    """
 
     def __init__(self) -> None:
-        self._share = np.ones(3)  # of the first guess's variance
-        self._count = np.full(3, PRIOR)
-        self._begin()
+        self.systematic = np.zeros(3)
+        self._covariance = SYSTEMATIC.copy()
+        self._likelihood = np.zeros((3, len(SHARES)))  # logarithms
+        self._begin(np.zeros(3))
 
-    def _begin(self) -> None:
+    def _begin(self, noise: NDArray[np.float64]) -> None:
         self._odometry, self._matched = np.zeros(3), np.zeros(3)
-        self._turned, self._known = 0.0, np.ones(3)
+        self._moved, self._unseen, self._noise = np.zeros(3), np.ones(3), noise
 
     @property
     def share(self) -> NDArray[np.float64]:
         """The learnt standard deviation along, across, and in heading, as a share of the first guess."""
-        return np.sqrt(self._share)
+        # At first, each variance up to twice the first guess is as likely as any other.
+        weights = SHARES**2 * np.exp(self._likelihood - self._likelihood.max(axis=1, keepdims=True))
+        share: NDArray[np.float64] = np.sqrt(weights @ SHARES**2 / weights.sum(axis=1))
+        return share
 
     def state(self) -> dict[str, NDArray[np.float64]]:
         """Return what was learnt."""
-        stretch = np.array([self._odometry, self._matched, self._known])
+        stretch = (self._odometry, self._matched, self._moved, self._unseen, self._noise)
         return {
-            "share": self._share.copy(),
-            "count": self._count.copy(),
-            "stretch": stretch,
-            "turned": np.array(self._turned),
+            "systematic": self.systematic.copy(),
+            "covariance": self._covariance.copy(),
+            "likelihood": self._likelihood.copy(),
+            "stretch": np.array(stretch),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore the data that `state` returned."""
-        self._share, self._count = np.array(state["share"]), np.array(state["count"])
-        self._odometry, self._matched, self._known = np.array(state["stretch"])
-        self._turned = float(state["turned"])
+        if "likelihood" not in state:  # of an older version
+            return
+        self.systematic, self._covariance = np.array(state["systematic"]), np.array(state["covariance"])
+        self._likelihood = np.array(state["likelihood"])
+        self._odometry, self._matched, self._moved, self._unseen, self._noise = np.array(state["stretch"])
 
-    def over(self, step: ArrayLike) -> NDArray[np.float64]:
-        """Return the standard deviation over a step (x m, y m, heading rad)."""
-        return self.share * first_guess(step)
+    def corrected(self, step: ArrayLike) -> NDArray[np.float64]:
+        """Return a step by odometry (x m, y m, heading rad) without its systematic errors."""
+        dx, dy, turn = np.asarray(step, float)
+        scale, per_m, per_rad = self.systematic
+        heading = turn + per_m * np.hypot(dx, dy) + per_rad * turn
+        return np.array([dx * (1 + scale), dy * (1 + scale), heading])
 
-    def learn(self, step: ArrayLike, matched: ArrayLike, known: NDArray[np.float64]) -> None:
+    def over(self, moved: ArrayLike) -> NDArray[np.float64]:
+        """Return the standard deviation over a motion (x m, y m, heading rad)."""
+        return self.share * first_guess(moved)
+
+    def learn(
+        self, step: ArrayLike, matched: ArrayLike, moved: NDArray[np.float64], known: NDArray[np.float64]
+    ) -> None:
         """Compare a step by odometry with the same by a match.
 
         Args:
             step: Odometry's motion.
             matched: The motion between two matches, fused with odometry.
-            known: For each axis the share of what is known of the second one that comes from the match alone.
+            moved: Length of the way, 0, and the sum of its turns.
+            known: For each axis the share of what is known of the second match that comes from the sweep.
         """
         self._odometry = compose(self._odometry, step)
         self._matched = compose(self._matched, matched)
-        self._known = np.minimum(self._known, known)
-        self._turned += abs(float(np.asarray(step)[2]))
-        if np.hypot(*self._odometry[:2]) < STRETCH_M and self._turned < STRETCH_RAD:
+        self._moved = self._moved + moved
+        self._unseen = self._unseen * (1 - known)
+        if self._moved[0] < STRETCH_M and self._moved[2] < STRETCH_RAD:
             return
-        off = relative(self._odometry, self._matched)
+        noise = self.over(moved) ** 2 * (1 - known)  # of the newest match
+        self._compare(self._noise + noise)
+        self._begin(noise)
+
+    def _compare(self, noise: NDArray[np.float64]) -> None:
+        """Learn from a stretch, with the variance of the matches at its ends."""
+        seen = np.maximum(1 - self._unseen, LEAST_SEEN)
+        off = relative(self.corrected(self._odometry), self._matched)
         off[2] = wrap_angle(off[2])
-        expected = first_guess([*self._odometry[:2], self._turned])
-        error = np.minimum((off / np.maximum(self._known, LEAST_KNOWN) / expected) ** 2, CUT * self._share)
-        weight = np.where(self._known >= LEAST_KNOWN, self._known, 0.0)
-        total = self._count + weight
-        self._share = np.clip((self._count * self._share + weight * error) / total, LEAST, GREATEST)
-        self._count = np.minimum(total, MOST)
-        self._begin()
+        guess = first_guess(self._moved)
+        share = self.share
+        noise = noise / seen**2 + (share * guess) ** 2 * self._unseen / seen
+        dx, dy, turn = self._odometry
+        by = np.array([[dx, 0.0, 0.0], [dy, 0.0, 0.0], [0.0, np.hypot(dx, dy), turn]])
+        systematic = by @ self._covariance @ by.T
+        most = CUT * np.sqrt((share * guess) ** 2 + noise + np.diag(systematic))
+        error = np.clip(off / seen, -most, most)
+        variance = (SHARES * guess[:, None]) ** 2 + (noise + np.diag(systematic))[:, None]
+        likelihood = -0.5 * (np.log(variance) + error[:, None] ** 2 / variance)
+        self._likelihood = (1 - 1 / MEMORY) * self._likelihood + likelihood
+        gain = self._covariance @ by.T @ np.linalg.inv(systematic + np.diag((share * guess) ** 2 + noise))
+        self.systematic = self.systematic + gain @ error
+        remaining = (np.eye(3) - gain @ by) @ self._covariance
+        self._covariance = remaining + (SYSTEMATIC - remaining) / MEMORY**2
 
     def interrupt(self) -> None:
         """Begin a new stretch, because the robot was found elsewhere."""
-        self._begin()
+        self._begin(np.zeros(3))
 
 
-def first_guess(step: ArrayLike) -> NDArray[np.float64]:
-    """Return the standard deviation of an unknown robot's odometry over a step (x m, y m, heading rad).
+def first_guess(moved: ArrayLike) -> NDArray[np.float64]:
+    """Return the standard deviation of an unknown robot's odometry over a motion (x m, y m, heading rad).
 
     It is roughly a tenth of the motion plus some slip, so that it also holds for an uncalibrated robot.
     """
-    dx, dy, turn = np.abs(np.asarray(step, float))
+    dx, dy, turn = np.abs(np.asarray(moved, float))
     distance = float(np.hypot(dx, dy))
     slip = np.clip((distance + turn) / WHOLE_SLIP, LEAST_SLIP, 1.0)
     across = 0.03 * slip + 0.1 * distance + 0.05 * turn

@@ -106,9 +106,12 @@ class ScanMatcher:
             information, feigned, pull, on_surface = self._linearised(sweep, pose, distance_m)
             hessian = information + STEADY
             if prior is not None and prior_information is not None:
+                # What only noise of the normals seems to know must not pull against the prior.
+                known = _at_least_zero(information - feigned)
+                pull = known @ np.linalg.solve(hessian, pull)
                 off = np.asarray(prior, float) - pose
                 off[2] = wrap_angle(off[2])
-                hessian, pull = hessian + prior_information, pull + prior_information @ off
+                hessian, pull = known + STEADY + prior_information, pull + prior_information @ off
             step = np.linalg.solve(hessian, pull)
             pose = pose + step
             if distance_m <= FINE_DISTANCE_M and np.abs(step).max() < SETTLED:
@@ -121,6 +124,26 @@ class ScanMatcher:
         """Return how a sweep fits at a pose, without moving it."""
         information, feigned, _, on_surface = self._linearised(sweep, pose, FINE_DISTANCE_M)
         return Match(pose, _at_least_zero(information - feigned), on_surface)
+
+    def cost(
+        self,
+        sweep: SurfacePoints,
+        match: Match,
+        near_m: float,
+        prior: NDArray[np.float64],
+        prior_information: NDArray[np.float64],
+    ) -> float:
+        """Return how much speaks against a match: half of a squared error in standard deviations.
+
+        Points that lie off the surfaces near them speak against it, and so does the prior. Points that are
+        farther than `near_m` from any surface may show what is new.
+        """
+        points = rotate(match.pose[2], sweep.points) + match.pose[:2]
+        apart, _ = self._tree.query(points, distance_upper_bound=near_m)
+        off_surface = int((np.isfinite(apart) & ~match.on_surface).sum())
+        off = match.pose - prior
+        off[2] = wrap_angle(off[2])
+        return float(self._trust * ON_SURFACE * off_surface + off @ prior_information @ off) / 2
 
     def _linearised(
         self, sweep: SurfacePoints, pose: NDArray[np.float64], distance_m: float

@@ -18,7 +18,7 @@ BLUR_M = 0.1
 DEVIATIONS = 3.0  # standard deviations of odometry's noise that the search covers
 LEAST_REACH_M, MOST_REACH_M = 0.25, 1.0
 LEAST_REACH_RAD, MOST_REACH_RAD = 0.1, 0.8
-TRUST = 0.16  # of a sweep's points: less than in a loop, because neighbours share errors, as of people
+TRUST = 0.25  # how much each of a sweep's points counts: neighbours share errors, as of people
 DOUBT = 0.01  # subtracted from the score of a fit one standard deviation of odometry away
 
 
@@ -81,10 +81,13 @@ class ScanTracker:
             DOUBT / deviation[2] ** 2,
         )
         hits = sweep.hits.thinned(MOST_POINTS)
-        found = search(field, hits.points, guess, window)
-        start = guess if found is None else found.pose
         prior = rotated_information(np.diag(deviation**-2.0), guess[2])
-        return matcher.refine(hits, start, guess, prior).informed(prior)
+        found = search(field, hits.points, guess, window)
+        # In a corridor, more of a sweep fits farther back. So a fit near the guess may be the better one.
+        starts = [guess] if found is None else [guess, found.pose]
+        fits = [matcher.refine(hits, start, guess, prior) for start in starts]
+        costs = [matcher.cost(hits, fit, window.distance_m, guess, prior) for fit in fits]
+        return fits[int(np.argmin(costs))].informed(prior)
 
     def _recent(self) -> tuple[ScoreField, ScanMatcher]:
         if self._reference is None:

@@ -33,6 +33,7 @@ RIVAL_M, RIVAL_RAD = 0.3, 0.2  # a place this far from the best one is another p
 RIVAL_WORSE = 0.1  # which fits as well if no sweep overlaps, and they do not agree, by more than this less
 LEAST_SCORE = 0.25
 NEAR_M = 6.0  # beyond the window: sweeps from there show its surfaces
+FAMILIAR_M = 50.0  # along the pose graph, within which its drift is no slip
 MOST_SWEEPS = 40
 MOST_POINTS = 200
 RESOLUTION_M, BLUR_M = 0.1, 0.1
@@ -118,10 +119,14 @@ class SlipWatch:
         is_strained = _is_strained(guess, deviation, match)
         hardly_overlaps = seen.on_surface.mean() < CONVINCING
         if self._undecided or is_strained or hardly_overlaps or agreement < SUSPECT:
+            # Farther places may be off by the map's drift, which is no slip: loops are closed there.
+            familiar = self._keys.graph.distances_m(len(self._keys) - 1, FAMILIAR_M) <= FAMILIAR_M
             for reach_m, reach_rad, overlap in WINDOWS:
                 window = SearchWindow(reach_m, reach_rad, DOUBT_PER_M2)
                 other = None if self._undecided else match
-                found, is_only = self._found(sweep, guess, window, overlap, other, agreement, is_strained)
+                found, is_only = self._found(
+                    sweep, guess, window, overlap, familiar, other, agreement, is_strained
+                )
                 if found is not None and is_only:
                     has_slipped = bool(self._undecided) or _is_strained(guess, deviation, found)
                     self.noticed += has_slipped
@@ -165,7 +170,7 @@ class SlipWatch:
         self._forget()
         reach_m, reach_rad = np.clip(GAP_DEVIATIONS * deviation[[0, 2]], *GAP_REACH)
         window = SearchWindow(float(reach_m), float(reach_rad), DOUBT_PER_M2)
-        found, is_only = self._found(sweep, guess, window, GAP_OVERLAP)
+        found, is_only = self._found(sweep, guess, window, GAP_OVERLAP, np.ones(len(self._keys), np.bool_))
         if found is None or not is_only:
             return None
         return found.fused(guess, deviation)
@@ -181,17 +186,18 @@ class SlipWatch:
         guess: NDArray[np.float64],
         window: SearchWindow,
         least_overlap: float,
+        places: NDArray[np.bool_],
         other: Match | None = None,
         agreement: float = 0.0,
         is_strained: bool = False,
     ) -> tuple[Match | None, bool]:
-        """Search a window of poses for one that agrees with the map, clearly better than another match.
+        """Search a window of poses for one that agrees with some places, clearly better than another match.
 
         Returns:
             The match, if there is one; and whether there is no other place that fits as well.
         """
         apart = np.hypot(*(self._keys.poses - guess)[:, :2].T)
-        near = np.flatnonzero(apart < NEAR_M + window.distance_m)[::-1]
+        near = np.flatnonzero(places & (apart < NEAR_M + window.distance_m))[::-1]
         reference = self._keys.spaced(near, MOST_SWEEPS)
         if not reference:
             return None, False
@@ -204,7 +210,7 @@ class SlipWatch:
         matcher = ScanMatcher(surfaces)
         match = matcher.refine(hits, found.pose)
         agrees = self._agreement(match, hits, reference)
-        if agrees < LEAST_AGREEMENT or not self._is_plausible(match, sweep, least_overlap):
+        if agrees < LEAST_AGREEMENT or not self._is_plausible(match, sweep, places, least_overlap):
             return None, False
         overlap = match.on_surface.mean()
         around = Around(match.pose, RIVAL_M, RIVAL_RAD)
@@ -224,7 +230,8 @@ class SlipWatch:
             is_better = not agrees_less and better >= (CLEARLY_BETTER if is_suspect else FAR_BETTER)
             if is_better and not is_strained:
                 # New space and people also hide the map. After a slip, the sweep looks through its walls.
-                is_better = self._missing(other, sweep) - self._missing(match, sweep) >= CLEARLY_BETTER
+                missing = self._missing(other, sweep, places) - self._missing(match, sweep, places)
+                is_better = missing >= CLEARLY_BETTER
             if not is_better:
                 return (match, False) if is_strained and not is_same else (None, False)
         best = Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD)
@@ -236,7 +243,7 @@ class SlipWatch:
                 not around.holds(rival.pose[None])[0]
                 and (_shares(rival, owner) >= _shares(match, owner) - RIVAL_WORSE).all()
                 and self._agreement(rival, hits, reference) >= agrees - RIVAL_WORSE
-                and self._is_plausible(rival, sweep, least_overlap)
+                and self._is_plausible(rival, sweep, places, least_overlap)
             ):
                 return match, False
         if self._undecided:
@@ -257,23 +264,26 @@ class SlipWatch:
         joined = SurfacePoints.joined(every)
         return SurfacePoints(joined.points[::step], joined.normals[::step]), owner[::step]
 
-    def _is_plausible(self, found: Match, sweep: LaserSweep, least_overlap: float) -> bool:
+    def _is_plausible(
+        self, found: Match, sweep: LaserSweep, places: NDArray[np.bool_], least_overlap: float
+    ) -> bool:
         """Return whether enough returns lie on surfaces, and the sweep did not look through others."""
         if found.on_surface.mean() < least_overlap:
             return False
-        return bool(sweep.looked_through(self._around(found)).mean() <= MOST_MISSING)
+        return bool(sweep.looked_through(self._around(found, places)).mean() <= MOST_MISSING)
 
-    def _missing(self, match: Match, sweep: LaserSweep) -> float:
+    def _missing(self, match: Match, sweep: LaserSweep, places: NDArray[np.bool_]) -> float:
         """Return the share of the map's surfaces in the sweep's view that it looked through."""
-        surfaces = self._around(match)
+        surfaces = self._around(match, places)
         beams = sweep.beams_at(np.arctan2(surfaces[:, 1], surfaces[:, 0]))
         near = (beams < len(sweep)) & (np.hypot(*surfaces.T) < NEAR_M)
         return float(sweep.looked_through(surfaces[near]).mean()) if near.any() else 0.0
 
-    def _around(self, match: Match) -> NDArray[np.float64]:
+    def _around(self, match: Match, places: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the map's surfaces around a match as seen from there, `(N, 2)`, m."""
         apart = np.hypot(*(self._keys.poses - match.pose)[:, :2].T)
-        reference = self._keys.spaced(np.argsort(apart, kind="stable").tolist(), MOST_SWEEPS)
+        nearest = np.argsort(apart, kind="stable")
+        reference = self._keys.spaced(nearest[places[nearest]].tolist(), MOST_SWEEPS)
         return self._keys.lasting_surfaces(reference).seen_from(match.pose).points
 
     def _agreement(self, match: Match, hits: SurfacePoints, reference: list[int]) -> float:

@@ -12,17 +12,19 @@ KNOWN = np.ones(3)
 STEP = np.array([0.5, 0.0, 0.0])
 
 
-def driven(error: float, known: NDArray[np.float64], steps: int = 600) -> OdometryDeviation:
+def driven(
+    error: float, known: NDArray[np.float64], steps: int = 600, scale: float = 0.0
+) -> OdometryDeviation:
     """Matches that find odometry off by a share of each step, along and in heading."""
     noise, random = OdometryDeviation(), np.random.default_rng(0)
     for _ in range(steps):
-        off = error * random.standard_normal(2)
-        noise.learn(STEP, STEP + np.array([off[0], 0.0, off[1]]), known)
+        off = error * random.standard_normal(2) + scale * STEP[0]
+        noise.learn(STEP, STEP + known * [off[0], 0.0, off[1]], STEP, known)
     return noise
 
 
 def test_unknown_odometry_counts_as_uncalibrated() -> None:
-    assert OdometryDeviation().over(STEP) == pytest.approx(first_guess(STEP))
+    assert OdometryDeviation().over(STEP) == pytest.approx(first_guess(STEP), rel=0.02)
 
 
 def test_good_odometry_is_trusted_more_in_the_end_and_bad_odometry_less() -> None:
@@ -30,10 +32,22 @@ def test_good_odometry_is_trusted_more_in_the_end_and_bad_odometry_less() -> Non
     assert driven(0.2, KNOWN).over(STEP)[0] > 1.2 * first_guess(STEP)[0]
 
 
+def test_good_odometry_is_soon_trusted_more() -> None:
+    assert driven(0.005, KNOWN, steps=30).over(STEP)[0] < 0.5 * first_guess(STEP)[0]
+
+
 def test_what_a_match_does_not_know_teaches_nothing() -> None:
-    noise = driven(0.0, np.array([0.1, 1.0, 1.0]))
-    assert noise.share[0] == 1.0
+    noise = driven(0.0, np.array([0.0, 1.0, 1.0]))
+    assert noise.share[0] == pytest.approx(1.0, abs=0.02)
     assert noise.share[2] < 0.3
+
+
+def test_systematic_error_is_learnt_and_is_no_noise() -> None:
+    noise = driven(0.002, KNOWN, scale=-0.1)
+    assert noise.corrected([2.0, 0.0, 0.0]) == pytest.approx([1.8, 0.0, -0.2], abs=0.02)
+    assert noise.over(STEP)[0] < 0.2 * first_guess(STEP)[0]
+    unseen = driven(0.002, np.array([0.0, 1.0, 1.0]), scale=-0.1)
+    assert abs(unseen.systematic[0]) < 0.005
 
 
 def test_noise_is_bounded_and_one_wrong_match_changes_little() -> None:
@@ -41,14 +55,16 @@ def test_noise_is_bounded_and_one_wrong_match_changes_little() -> None:
     noise = driven(0.005, KNOWN)
     before = noise.share
     for _ in range(3):
-        noise.learn(STEP, STEP + np.array([1.0, 0.0, 0.5]), KNOWN)
-    assert (noise.share < 1.2 * before).all()
+        noise.learn(STEP, STEP + np.array([1.0, 0.0, 0.5]), STEP, KNOWN)
+    assert (noise.share < 1.5 * before).all()
+    assert np.abs(noise.systematic).max() < 0.02
 
 
 def test_restored_noise_goes_on_alike() -> None:
     noise, restored = driven(0.01, KNOWN, steps=31), OdometryDeviation()
     restored.restore(deepcopy(noise.state()))
     for one in (noise, restored):
-        one.learn(STEP, STEP, KNOWN)
-        one.learn(STEP, STEP, KNOWN)
+        one.learn(STEP, STEP, STEP, KNOWN)
+        one.learn(STEP, STEP, STEP, KNOWN)
     assert np.array_equal(noise.share, restored.share)
+    assert np.array_equal(noise.systematic, restored.systematic)
