@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -275,36 +276,35 @@ node.create_subscription(Image, "/late", on_image, 1)
 def test_busy_node_goes_on_when_a_message_of_which_it_has_parts_is_gone(ros: Ros) -> None:
     """A GAP for that message would make FastDDS read for ever what it has of it."""
     node, image = ros.node, Image(height=100, width=600, step=1800, data=np.zeros(180_000, np.uint8)).encode()
-    peer = Participant(ros.bridge.module.domain, "lo", lambda topic: topic == "rt/late")
-    told = f"typehash={type_hash(Image)};".encode()
-    writer = peer.add_writer("rt/late", "sensor_msgs::msg::dds_::Image_", told)
-    writer.kept = 1
-    node.run(LOOK_LATE)
-    wait_until(lambda: bool(writer.readers))
-    (reader,) = writer.readers
-    send = writer.send
+    with closing(Participant(ros.bridge.module.domain, "lo", lambda topic: topic == "rt/late")) as peer:
+        told = f"typehash={type_hash(Image)};".encode()
+        writer = peer.add_writer("rt/late", "sensor_msgs::msg::dds_::Image_", told)
+        writer.kept = 1
+        node.run(LOOK_LATE)
+        wait_until(lambda: bool(writer.readers))
+        (reader,) = writer.readers
+        send = writer.send
 
-    def send_no_data(to: bytes, parts: list[bytes]) -> None:
-        send(to, [one for one in parts if one[0] not in (wire.DATA, wire.DATA_FRAG)])
+        def send_no_data(to: bytes, parts: list[bytes]) -> None:
+            send(to, [one for one in parts if one[0] not in (wire.DATA, wire.DATA_FRAG)])
 
-    with peer.lock:
-        writer.write(image)
-    wait_until(lambda: node.run("result = got['sizes']") == [180_000])
-    with peer.lock:
-        writer.write(image)  # it waits: the node is busy with the first one
-    wait_until(lambda: writer.readers[reader].acknowledged == 2)
-    with peer.lock:
-        writer.send = lambda to, parts: send(to, parts[:1])
-        writer.write(image)
-        writer.send = lambda _to, _parts: None
-        writer.write(image)  # the third one is not kept any more
-        writer.send = send_no_data
-        writer.on_acknack(reader, 3, [3])
-    wait_until(lambda: writer.readers[reader].acknowledged == 3)
-    node.run("is_free.set()")
-    writer.send = send
-    wait_until(lambda: len(node.run("result = got['sizes']")) > 1)
-    peer.close()
+        with peer.lock:
+            writer.write(image)
+        wait_until(lambda: node.run("result = got['sizes']") == [180_000])
+        with peer.lock:
+            writer.write(image)  # it waits: the node is busy with the first one
+        wait_until(lambda: writer.readers[reader].acknowledged == 2)
+        with peer.lock:
+            writer.send = lambda to, parts: send(to, parts[:1])
+            writer.write(image)
+            writer.send = lambda _to, _parts: None
+            writer.write(image)  # the third one is not kept any more
+            writer.send = send_no_data
+            writer.on_acknack(reader, 3, [3])
+        wait_until(lambda: writer.readers[reader].acknowledged == 3)
+        node.run("is_free.set()")
+        writer.send = send
+        wait_until(lambda: len(node.run("result = got['sizes']")) > 1)
 
 
 def asked_of_the_robot(bridge: ModuleHarness[Ros2Bridge]) -> list[Any]:
