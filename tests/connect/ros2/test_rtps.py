@@ -127,6 +127,25 @@ def test_heartbeat_says_which_messages_are_not_kept_any_more() -> None:
     assert wire.heartbeat_of(answer)[2:] == (3, 3)
 
 
+def test_reader_that_was_forgotten_gets_no_gap_for_what_it_may_have_in_part() -> None:
+    sent: list[bytes] = []
+    writer = ReliableWriter(WRITER, lambda _to, parts: sent.extend(parts))
+    writer.match(BOB + READER)
+    writer.write(bytes(2 * wire.FRAGMENT_BYTES))
+    writer.forget(BOB)
+    writer.match(BOB + READER)
+    sent.clear()
+    writer.on_acknack(BOB + READER, 1, [1])
+    (answer,) = wire.submessages(wire.datagram(ALICE, BOB, sent), BOB)
+    assert answer.kind == wire.HEARTBEAT
+    assert wire.heartbeat_of(answer)[2:] == (2, 1)
+    writer.write(b"next")
+    reader = ReliableReader(READER, lambda *_: None, lambda _: None)
+    reader.match(ALICE + WRITER)
+    reader.on_heartbeat(ALICE + WRITER, 2, 2, is_final=False)
+    assert reader.writers[ALICE + WRITER].base == 2
+
+
 def test_parts_of_messages_and_numbers_far_ahead_take_little_memory() -> None:
     taken: list[wire.Sample] = []
     reader = ReliableReader(READER, lambda *_: None, taken.append, max_bytes=1000)

@@ -127,17 +127,16 @@ class ReliableWriter:
 
     def _parts(self, reader: bytes, sequence: int) -> Iterator[bytes]:
         written, entity = self._history.get(sequence), reader[wire.PREFIX_BYTES :]
-        if written is None:
+        if written is None or sequence < self.readers[reader].first:
             return  # The heartbeat says so. A GAP hangs FastDDS (2.14, 3.2) if it has parts of the message.
-        is_for = not written.to or reader.startswith(written.to)
-        if not is_for or sequence < self.readers[reader].first:
+        if written.to and not reader.startswith(written.to):
             yield wire.gap(entity, self.entity, sequence)
             return
         yield from wire.data_parts(entity, self.entity, sequence, written.parameters, written.payload)
 
     def _heartbeat(self, reader: bytes) -> bytes:
         self._count += 1
-        first = next(iter(self._history), self._last + 1)
+        first = max(next(iter(self._history), self._last + 1), self.readers[reader].first)
         return wire.heartbeat(reader[wire.PREFIX_BYTES :], self.entity, first, self._last, self._count)
 
     def _send(self, reader: bytes, parts: tuple[bytes, ...]) -> None:
