@@ -7,6 +7,7 @@ from typing import Any
 
 from robbie_mp import (
     ActiveGoal,
+    CallError,
     CallRefused,
     Duration,
     Goal,
@@ -25,7 +26,7 @@ from robbie_mp.messages import (
     TimeJump,
 )
 from robbie_mp.messages.stock.robbie_msgs import MAX_VALID_FOR_S
-from robbie_robots.modules.devices.command_age import MAX_AGE_S
+from robbie_robots.modules.devices.command_age import AHEAD_S, MAX_AGE_S, age_of, check_order
 from robbie_robots.modules.devices.hand_guard import HandGuard
 from robbie_robots.modules.maps.planar_messages import planar
 from robbie_robots.modules.navigation.nav2_types import (
@@ -65,6 +66,10 @@ SPINS, BACKS_UP = (Spin, KiltedSpin), (BackUp, KiltedBackUp)
 FEEDBACK_S = 0.1
 BLIND_S = 2.0
 """A goal is given up when nobody has seen the robot move, or what is near it, for this time."""
+JUMP = 0.1
+"""Odometry may be wrong by this, m or rad, beyond twice the way at full speed while it is fresh."""
+SLIP, SLIP_BEYOND = 2.0, 0.3
+"""A goal is given up when commands for so many times its way, and for these m or rad, were not enough."""
 SLOWING_M_PER_S2, SLOWING_RAD_PER_S2 = 0.4, 0.8
 SLOWEST_M_PER_S, SLOWEST_RAD_PER_S = 0.04, 0.1
 
@@ -83,6 +88,7 @@ class _Motion:
         seen_s: when its way and its motion were last known.
         begun_ns: when it began, by the robot's time.
         done: how far the robot has moved in that direction.
+        commanded: how far its commands would have moved it.
         is_free: whether navigation has stopped.
     """
 
@@ -95,6 +101,7 @@ class _Motion:
     seen_s: float
     begun_ns: int
     done: float = 0.0
+    commanded: float = 0.0
     is_free: bool = False
     fed_back_s: float = -math.inf
 
@@ -109,7 +116,8 @@ class Nav2Behaviors(Module):
     Each moves the robot by odometry, with the guard that checks driving by hand: it stops before obstacles
     that the lasers see. Commands expire, so the robot stands if this module dies. A goal ends that of
     navigation, and a newer goal, of navigation too, takes its place. It is refused while modules may not
-    drive the robot, and so is one that turns off the guard.
+    drive the robot, and so is one that turns off the guard. It ends if odometry jumps, or does not show the
+    motion that was commanded.
     """
 
     period_s: float = setting(0.05, "time between drive commands", minimum=0.01)
@@ -132,6 +140,7 @@ class Nav2Behaviors(Module):
         self.control = ControlState()
         self.pose: tuple[float, float, float] | None = None
         self.moved_s = -math.inf
+        self.navigates = False
         self.odometry = Odometry()
         self.guard = HandGuard(self, self.guard_topics, self.guard_radius_m, self.max_age_s)
         newest = MessageHandling.KEEP_ONLY_NEWEST
@@ -149,16 +158,28 @@ class Nav2Behaviors(Module):
         if motion.speed and self.control.mode != ControlState.AUTO:
             reason = self.control.reason or "no reason given"
             raise CallRefused(f"modules may not drive the robot ({reason})")
-        before, self.motion = self.motion, motion
+        if motion.speed:
+            check_order(self)
+        before = self.motion
         if before is not None:
+            self._end(before)
             before.active.preempt("another goal has come")
+        self.motion = motion
         if not motion.speed:
             return
 
         def begin(_: object) -> None:
             motion.is_free = True
 
-        self.call(CancelNavigation(reason="a behavior of Nav2 moves the robot"), begin, begin, timeout_s=1.0)
+        def begin_without_navigation(error: CallError) -> None:
+            # One that is stopped or starts again goes on with its goal later.
+            if not self.navigates:
+                begin(error)
+            elif self.motion is motion:
+                self._give_up(f"navigation has a goal, and does not end it: {error}")
+
+        request = CancelNavigation(reason="a behavior of Nav2 moves the robot")
+        self.call(request, begin, begin_without_navigation, timeout_s=1.0)
 
     def _motion_of(self, active: Active) -> _Motion:
         """Return what a goal asks for; refuse one that cannot be."""
@@ -209,10 +230,10 @@ class Nav2Behaviors(Module):
 
     def on_goal_of_navigation(self, goal: PoseStamped) -> None:
         """Give way to a goal that navigation has got after this one."""
-        motion = self.motion
-        if motion is None or not motion.speed or not goal.header.frame_id:
+        motion, self.navigates = self.motion, bool(goal.header.frame_id)
+        if motion is None or not motion.speed or not self.navigates:
             return
-        if goal.header.stamp.nanoseconds > motion.begun_ns:
+        if goal.header.stamp.nanoseconds >= motion.begun_ns:
             self._end(motion)
             motion.active.preempt("navigation has got a goal")
 
@@ -225,8 +246,17 @@ class Nav2Behaviors(Module):
         if before is None or motion is None or not motion.is_free:
             return
         turned_rad = math.remainder(heading_rad - before[2], math.tau)
+        if not self._is_plausible(math.hypot(x_m - before[0], y_m - before[1]), turned_rad):
+            self._give_up("odometry has jumped")  # as that of a base that starts again
+            return
         along_m = (x_m - before[0]) * math.cos(before[2]) + (y_m - before[1]) * math.sin(before[2])
         motion.done += math.copysign(1.0, motion.speed) * (turned_rad if motion.is_turn else along_m)
+
+    def _is_plausible(self, moved_m: float, turned_rad: float) -> bool:
+        """Whether the robot can have moved so far between two messages of odometry."""
+        fresh_s = 2 * self.max_age_s
+        can_move = moved_m <= JUMP + self.max_m_per_s * fresh_s
+        return can_move and abs(turned_rad) <= JUMP + self.max_rad_per_s * fresh_s
 
     def tick(self) -> None:
         """Move on, or end."""
@@ -253,7 +283,7 @@ class Nav2Behaviors(Module):
 
     def _drive(self, motion: _Motion, now_s: float) -> None:
         """Command the next speed, or give up."""
-        if self.guard.sees_for_s <= 0.0 or now_s - self.moved_s > self.max_age_s:
+        if self.guard.sees_for_s <= 0.0 or not self._knows_motion(now_s):
             if now_s - motion.seen_s > BLIND_S:
                 self._give_up("a laser that guards the robot, or its odometry, has sent nothing lately")
             return
@@ -263,7 +293,17 @@ class Nav2Behaviors(Module):
         if linear and not checked:
             self._give_up("COLLISION_AHEAD: an obstacle is in the way")
             return
+        if motion.commanded > SLIP * motion.way + SLIP_BEYOND:
+            told = f"{motion.done:.2f} of {motion.commanded:.2f} {'rad' if motion.is_turn else 'm'}"
+            self._give_up(f"odometry shows {told} that were commanded")
+            return
+        motion.commanded += self.period_s * abs(checked or angular)
         self._command(checked, angular)
+
+    def _knows_motion(self, now_s: float) -> bool:
+        """Whether odometry is fresh, by its stamp too: the base looks at that, and would not follow."""
+        age_s = age_of(self, self.odometry.header.stamp)
+        return age_s >= -AHEAD_S and max(age_s, now_s - self.moved_s) <= self.max_age_s
 
     def _wanted(self, motion: _Motion) -> tuple[float, float]:
         """Return forward speed and turn rate, lower towards the end."""

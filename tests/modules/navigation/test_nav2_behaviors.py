@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robbie_mp import Duration, Header, ModuleHarness
+from robbie_mp import Duration, Header, ModuleHarness, Time
 from robbie_mp.messages import (
     CallRefusal,
     CancelNavigation,
@@ -48,17 +48,19 @@ class World:
 
     def __init__(self, nav2: Harness):
         self.nav2, self.x_m, self.heading_rad, self.wall_m = nav2, 0.0, 0.0, FAR_M
+        self.is_stuck, self.late_ns = False, 0
         self.commands: list[DriveCommand] = []
 
     def tell(self) -> None:
         """Send odometry and a scan."""
-        header = Header(stamp=self.nav2.module.now(), frame_id="odom")
+        now = self.nav2.module.now()
+        header = Header(stamp=Time.from_nanoseconds(now.nanoseconds - self.late_ns), frame_id="odom")
         turn = Quaternion(z=np.sin(self.heading_rad / 2), w=np.cos(self.heading_rad / 2))
         pose = PoseWithCovariance(pose=Pose(position=Point(x=self.x_m), orientation=turn))
         self.nav2.send(Odometry(header=header, pose=pose), topic="odom")
         ranges = np.full(181, self.wall_m, np.float32)
         scan = LaserScan(
-            header=Header(stamp=header.stamp, frame_id="laser"),
+            header=Header(stamp=now, frame_id="laser"),
             angle_min=-np.pi / 2,
             angle_max=np.pi / 2,
             angle_increment=np.pi / 180,
@@ -75,7 +77,7 @@ class World:
             self.nav2.advance(0.05)
             new = self.nav2.take(DriveCommand)
             self.commands += new
-            if new:
+            if new and not self.is_stuck:
                 self.x_m += 0.05 * new[-1].linear_m_per_s
                 self.heading_rad += 0.05 * new[-1].angular_rad_per_s
 
@@ -215,3 +217,111 @@ def test_newer_goal_takes_the_place_of_the_older_one(world: World) -> None:
     assert end.outcome == GoalEnd.PREEMPTED
     world.run(1.2)
     assert world.nav2.take(Waited)
+
+
+@pytest.mark.parametrize(
+    ("goal", "pose"),
+    [
+        (BackUp(target=Point(x=0.4), speed=0.1), Pose(position=Point(x=0.6))),
+        (DriveOnHeading(target=Point(x=0.4), speed=0.1), Pose(position=Point(y=-0.6))),
+        (Spin(target_yaw=1.0), Pose(orientation=Quaternion.from_yaw(-1.0))),
+    ],
+)
+def test_goal_ends_when_odometry_jumps(world: World, goal: Any, pose: Pose) -> None:
+    """A base that starts again counts from 0: the robot would drive further than it may."""
+    world.begin(goal)
+    world.run(0.3)
+    header = Header(stamp=world.nav2.module.now(), frame_id="odom")
+    world.nav2.send(Odometry(header=header, pose=PoseWithCovariance(pose=pose)), topic="odom")
+    assert "odometry has jumped" in reason_of(world)
+    last = world.nav2.take(DriveCommand)[-1]
+    assert not last.linear_m_per_s
+    assert not last.angular_rad_per_s
+    world.run(0.3)
+    world.begin(Spin(target_yaw=0.1))
+    world.run(1.0)
+    assert world.nav2.take(Spun)
+
+
+@pytest.mark.parametrize("goal", [BackUp(target=Point(x=0.3), speed=0.2), Spin(target_yaw=1.0)])
+def test_goal_ends_when_odometry_does_not_show_the_motion(world: World, goal: Any) -> None:
+    """Its encoders may be dead, or its wheels: it would drive for ever, back without a laser."""
+    world.begin(goal)
+    world.is_stuck = True
+    world.run(8.0)
+    assert "odometry shows" in reason_of(world)
+    told_m = 0.05 * sum(abs(one.linear_m_per_s) for one in world.commands)
+    assert told_m < 0.95
+    assert not world.commands[-1].linear_m_per_s
+    assert not world.commands[-1].angular_rad_per_s
+
+
+def test_robot_stands_while_odometry_is_old_and_gives_up_then(world: World) -> None:
+    world.begin(DriveOnHeading(target=Point(x=2.0), speed=0.1))
+    world.run(0.3)
+    world.commands.clear()
+    world.late_ns = 500_000_000
+    world.run(1.0)
+    assert not world.commands
+    assert not world.nav2.take(GoalEnd)
+    world.run(1.3)
+    assert "has sent nothing lately" in reason_of(world)
+
+
+@pytest.mark.parametrize("drives", [True, False])
+def test_robot_stands_if_navigation_may_go_on(world: World, drives: bool) -> None:
+    frame = "map" if drives else ""
+    header = Header(stamp=world.nav2.module.now(), frame_id=frame)
+    world.nav2.send(PoseStamped(header=header), topic="goal")
+    world.nav2.advance(0.05)
+    world.nav2.send_goal(Spin(target_yaw=1.0))
+    assert world.nav2.take(CancelNavigation)
+    world.run(1.5)
+    if drives:
+        assert "navigation" in reason_of(world)
+        assert not any(one.angular_rad_per_s for one in world.commands)
+    else:
+        assert any(one.angular_rad_per_s for one in world.commands)
+
+
+def test_goal_of_navigation_at_the_same_time_counts_as_newer(world: World) -> None:
+    world.begin(Spin(target_yaw=3.0))
+    header = Header(stamp=world.nav2.module.now(), frame_id="map")
+    world.nav2.send(PoseStamped(header=header), topic="goal")
+    assert reason_of(world) == "navigation has got a goal"
+
+
+def test_goal_that_has_waited_long_is_refused(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its client may have given it up while this module was dead."""
+    monkeypatch.setattr("robbie_robots.modules.devices.command_age.waiting_s", lambda _: 1.5)
+    world.begin(Spin(target_yaw=1.0))
+    assert "has waited" in world.nav2.take(CallRefusal)[0].reason
+    world.begin(Wait(time=Duration(sec=1)))
+    assert not world.nav2.take(CallRefusal)
+
+
+def test_robot_stands_at_once_when_a_newer_goal_comes(world: World) -> None:
+    world.begin(DriveOnHeading(target=Point(x=2.0), speed=0.2))
+    world.run(0.5)
+    world.begin(Wait(time=Duration(sec=1)))
+    assert not world.nav2.take(DriveCommand)[-1].linear_m_per_s
+
+
+def test_goal_ends_once_whatever_comes_at_its_end(world: World) -> None:
+    sent = world.begin(Spin(target_yaw=0.2))
+    world.run(2.0)
+    assert len(world.nav2.take(Spun)) == 1
+    world.nav2.send(EmergencyStop(engaged=True), topic="emergency_stop_state")
+    world.nav2.send(ControlState(mode=ControlState.HOLD), topic="control")
+    world.run(0.5)
+    assert not world.nav2.take(GoalEnd)
+    assert sent is not None
+
+
+def test_next_process_does_not_go_on(world: World) -> None:
+    world.begin(DriveOnHeading(target=Point(x=2.0), speed=0.2))
+    world.run(0.5)
+    with ModuleHarness(Nav2Behaviors) as again:
+        other = World(again)
+        other.run(1.0)
+        assert not other.commands
