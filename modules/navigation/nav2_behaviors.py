@@ -283,9 +283,11 @@ class Nav2Behaviors(Module):
 
     def _drive(self, motion: _Motion, now_s: float) -> None:
         """Command the next speed, or give up."""
+        if now_s - motion.seen_s > BLIND_S:
+            late = "a laser that guards the robot, or its odometry, has sent nothing lately"
+            self._give_up(f"{late}, or this module was stopped")
+            return
         if self.guard.sees_for_s <= 0.0 or not self._knows_motion(now_s):
-            if now_s - motion.seen_s > BLIND_S:
-                self._give_up("a laser that guards the robot, or its odometry, has sent nothing lately")
             return
         motion.seen_s = now_s
         linear, angular = self._wanted(motion)

@@ -318,6 +318,20 @@ def test_goal_ends_once_whatever_comes_at_its_end(world: World) -> None:
     assert sent is not None
 
 
+def test_goal_ends_when_the_module_was_stopped_for_long(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world.begin(Spin(target_yaw=3.0))
+    world.run(0.5)
+    with monkeypatch.context() as stopped:
+        stopped.setattr(world.nav2.module, "tick", lambda: None)
+        world.run(3.0)
+    world.commands.clear()
+    world.run(0.1)
+    assert "was stopped" in reason_of(world)
+    assert not any(one.angular_rad_per_s for one in world.commands)
+
+
 def test_next_process_does_not_go_on(world: World) -> None:
     world.begin(DriveOnHeading(target=Point(x=2.0), speed=0.2))
     world.run(0.5)
