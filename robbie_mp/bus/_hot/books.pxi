@@ -157,8 +157,9 @@ cdef class FreeRows:
         self.rows.count -= 1
         return self.rows.rows[self.rows.count]
 
-    def append(self, uint64_t row):
+    def append(self, number):
         """Free a row."""
+        cdef uint64_t row = word(number)
         if row >= self.rows.capacity or self.rows.count >= self.rows.capacity:
             raise IndexError("there is no such row, or it is free already")
         self.rows.rows[self.rows.count] = row
@@ -186,7 +187,7 @@ cdef class References:
 
     cdef uint32_t known(self, key) except? NO_REFERENCE:
         """Return the number of a reference that is in the list."""
-        cdef uint64_t reference = key
+        cdef uint64_t reference = word(key)
         if not list_has(&self.list, reference):
             raise KeyError(key)
         return reference
@@ -194,14 +195,14 @@ cdef class References:
     def __len__(self):
         return self.list.count
 
-    def __contains__(self, uint64_t key):
-        return list_has(&self.list, key)
+    def __contains__(self, key):
+        return list_has(&self.list, word(key))
 
     def __getitem__(self, key):
         return self.list.places[self.known(key)].value
 
-    def __setitem__(self, key, uint64_t value):
-        cdef uint64_t reference = key
+    def __setitem__(self, key, number):
+        cdef uint64_t reference = word(key), value = word(number)
         if reference >= self.list.references:
             raise KeyError(key)
         if list_has(&self.list, reference):
@@ -276,18 +277,26 @@ cdef class Row:
     """What has a struct in C, whose fields are its attributes."""
 
     cdef char *row
+    cdef void *kind  # as of the fields that it has; NULL: it has none
 
 
 cdef class Field:
     """A field of a struct as an attribute."""
 
+    cdef void *kind  # names the struct
     cdef Py_ssize_t at
     cdef size_t size
+
+    cdef void *place_in(self, Row owner) except NULL:
+        """Return where it lies in a row, which Python may have taken from another class."""
+        if self.kind == NULL or owner.kind != self.kind:
+            raise TypeError(f"{type(owner).__name__} has no such field")
+        return owner.row + self.at
 
     def __get__(self, Row owner, _):
         if owner is None:
             return self
-        cdef void *field = owner.row + self.at
+        field = self.place_in(owner)
         if self.size == sizeof(uint64_t):
             return (<uint64_t *>field)[0]
         if self.size == sizeof(uint32_t):
@@ -295,11 +304,11 @@ cdef class Field:
         return (<c_bool *>field)[0]
 
     def __set__(self, Row owner not None, value):
-        cdef void *field = owner.row + self.at
+        field = self.place_in(owner)
         if self.size == sizeof(uint64_t):
-            (<uint64_t *>field)[0] = value
+            (<uint64_t *>field)[0] = word(value)
         elif self.size == sizeof(uint32_t):
-            (<uint32_t *>field)[0] = value
+            (<uint32_t *>field)[0] = PyNumber_Index(value)
         else:
             (<c_bool *>field)[0] = value
 
@@ -307,7 +316,7 @@ cdef class Field:
 cdef Field field(void *row, void *place, size_t size):
     """Return the attribute for a field, of which this is the place in one such row."""
     made = <Field>Field.__new__(Field)
-    made.at, made.size = <char *>place - <char *>row, size
+    made.kind, made.at, made.size = row, <char *>place - <char *>row, size
     return made
 
 
@@ -330,7 +339,7 @@ cdef class Subscription(Row):
     newest_only = field(&a_subscription, &a_subscription.newest_only, 1)
 
     def __cinit__(self, *_, **__):
-        self.row = <char *>&self.subscription
+        self.row, self.kind = <char *>&self.subscription, &a_subscription
 
     @property
     def queued(self):
@@ -338,7 +347,7 @@ cdef class Subscription(Row):
 
     @queued.setter
     def queued(self, reference):
-        self.subscription.queued = NO_REFERENCE if reference is None else reference
+        self.subscription.queued = NO_REFERENCE if reference is None else <uint32_t>PyNumber_Index(reference)
 
 
 @cython.no_gc_clear  # Books let go of it first
@@ -354,7 +363,7 @@ cdef class Channel(Row):
     paced_reference = field(&a_channel, &a_channel.paced_reference, 4)
 
     def __cinit__(self, *_, **__):
-        self.row = <char *>&self.channel
+        self.row, self.kind = <char *>&self.channel, &a_channel
 
     def __dealloc__(self):
         PyMem_Free(self.channel.subscriptions)
@@ -409,7 +418,7 @@ cdef class Link(Row):
     paces = field(&a_link, &a_link.paces, 1)
 
     def __cinit__(self, *_, **__):
-        self.row = <char *>&self.link
+        self.row, self.kind = <char *>&self.link, &a_link
         self.link.owner = <void *>self
 
     @property
@@ -420,17 +429,17 @@ cdef class Link(Row):
     def channels(self, dict channels not None):
         cdef Channel channel
         for number in channels:
-            if not 0 <= number < DECLARATION_COUNT or not isinstance(channels[number], Channel):
+            if word(number) >= DECLARATION_COUNT or not isinstance(channels[number], Channel):
                 raise ValueError("must be a dict of channels by declaration")
         memset(self.link.channels, 0, DECLARATION_COUNT * sizeof(channel_row *))
         for number, channel in channels.items():
-            self.link.channels[<uint64_t>number] = &channel.channel
+            self.link.channels[word(number)] = &channel.channel
         self.by_declaration = channels
 
     cdef int use(self) except -1:
         """Let C use what it has; once."""
-        if self.pushed is None or self.pinned is None:
-            raise ValueError("a link needs its references")
+        if None in (self.outbound, self.inbound, self.freed, self.pushed, self.pinned):
+            raise ValueError("must be a whole link")
         in_flight, windows = Numbers(self.in_flight), Numbers(self.windows)
         self.link.outbound = &self.outbound.ring
         self.link.inbound, self.link.freed = &self.inbound.ring, &self.freed.ring
@@ -444,19 +453,16 @@ cdef class Link(Row):
 
     cdef int require_whole(self, uint64_t slots) except -1:
         """Require all that C needs, for a run of this number of slots."""
+        if self.used is None:
+            self.use()
         if (
-            self.outbound is not None
-            and self.outbound.words.words != NULL
-            and self.inbound is not None
-            and self.inbound.words.words != NULL
-            and self.freed is not None
-            and self.freed.words.words != NULL
+            self.link.outbound.place.records == NULL
+            or self.link.inbound.place.records == NULL
+            or self.link.freed.place.records == NULL
+            or slots > self.slots
         ):
-            if self.used is None:
-                self.use()
-            if slots <= self.slots:
-                return 0
-        raise ValueError("must be a whole link")
+            raise ValueError("must be a whole link")
+        return 0
 
 
 @cython.no_gc_clear  # Books let go of it first
@@ -475,7 +481,7 @@ cdef class Slot(Row):
     yields = field(&a_slot, &a_slot.yields, 1)
 
     def __cinit__(self, *_, **__):
-        self.row = <char *>&self.slot
+        self.row, self.kind = <char *>&self.slot, &a_slot
 
     @property
     def waiting(self):
@@ -707,11 +713,12 @@ cdef class Books:
         if self.links_in_round is None:
             begin_round(&self.router)
             self.links_in_round = self.links
-        go_on_with_round(&self.router, records_per_turn, &link)
-        if link != NULL:
-            return <Link>link.owner
-        self.links_in_round = None
-        return None
+        try:
+            go_on_with_round(&self.router, records_per_turn, &link)
+        finally:  # a wake may have failed at the end of the round
+            if link == NULL:
+                self.links_in_round = None
+        return None if link == NULL else <Link>link.owner
 
     def serve_round(self, uint64_t records_per_turn, is_special):
         """Begin or go on with a round; return a link of which Python must handle a record, None when it is over."""

@@ -169,6 +169,7 @@ cdef class Loop:
         missed = behind_ns // period_ns
         times.due_ns += missed * period_ns
         times.missed += missed
+        subscriber_check(self.subscriber)  # the period may be a property
         return try_to_store(self.subscriber.words.words + OUT_TICKS_MISSED, times.missed)
 
     cdef int wait(self, int64_t period_ns) except -1:

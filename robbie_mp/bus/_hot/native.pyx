@@ -1,4 +1,4 @@
-# cython: language_level=3, binding=False, cdivision=True
+# cython: language_level=3, binding=False, cdivision=True, auto_pickle=False
 """The hot path in C; what it does is described by the Python of the same names."""
 cimport cython
 

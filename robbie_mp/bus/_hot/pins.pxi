@@ -100,7 +100,8 @@ cdef public class Pins [object pins_object, type pins_type]:
 
     def add(self, delivery, kept, /):
         """Pin a delivered message, with an object that is to live as long."""
-        pin(self, delivery, kept, delivery.reference, delivery.source, delivery.size)
+        _, _, reference, _, source, _, size, _ = delivery  # as `remove` reads it, whatever its attributes say
+        pin(self, delivery, kept, reference, source, size)
 
     def remove(self, uint64_t reference, /):
         """Return the delivery of a message that is no longer pinned."""

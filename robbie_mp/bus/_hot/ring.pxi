@@ -1,5 +1,4 @@
 # The four ends of rings as Python types, with the interface of robbie_mp/bus/transport/ring.py.
-from cpython.number cimport PyNumber_Index
 
 cdef extern from "ring.h":
     enum: RECORD_WORDS
@@ -56,11 +55,6 @@ cdef ring_place hold_ring(
     place.head, place.records = words.words + head_at, words.words + records_at
     place.tail, place.capacity = tail_words.words + tail_at, capacity
     return place
-
-
-cdef uint64_t word(number) except? 0xFFFFFFFFFFFFFFFF:
-    """Return a number that is an integer, which a mere conversion would make of one with a fraction."""
-    return PyNumber_Index(number)
 
 
 cdef int raise_closed(bint is_disowned) except -1:

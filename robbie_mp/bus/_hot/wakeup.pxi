@@ -59,7 +59,6 @@ cdef class Wakeup:
 
     def wait(self, timeout_s, /):
         """Wait for a post and take all posts; False after the time-out in s (None: no limit) or a signal."""
-        self.check_open()
         cdef int64_t timeout_ns = WAIT_WITHOUT_LIMIT
         cdef double seconds
         if timeout_s is not None:
@@ -71,6 +70,7 @@ cdef class Wakeup:
 
     cdef bint wait_ns(self, int64_t timeout_ns) except -1:
         """Wait for a post and take all posts; False after the time-out or a signal. Other threads run meanwhile."""
+        self.check_open()  # what Python did since the caller looked may have closed it
         if wakeup_take(&self.wakeup):
             return True
         if timeout_ns == 0:

@@ -2,6 +2,7 @@
 from cpython.buffer cimport PyBUF_SIMPLE, PyBUF_WRITABLE, PyBuffer_Release, PyObject_GetBuffer
 from cpython.exc cimport PyErr_Occurred, PyErr_SetFromErrno
 from cpython.mem cimport PyMem_Calloc, PyMem_Free, PyMem_Realloc
+from cpython.number cimport PyNumber_Index
 from cpython.object cimport PyObject, PyObject_TypeCheck, PyTypeObject
 from libc.errno cimport EINTR, ETIMEDOUT, errno
 from libc.stdint cimport INT64_MAX, UINT64_MAX, int64_t, uint32_t, uint64_t
@@ -28,3 +29,8 @@ cdef extern from *:
     """
     ctypedef bint c_bool "bool"
     int try_to_store(shared_word *place, uint64_t value) except -1
+
+
+cdef uint64_t word(number) except? 0xFFFFFFFFFFFFFFFF:
+    """Return a number that is an integer, which a mere conversion would make of one with a fraction."""
+    return PyNumber_Index(number)
