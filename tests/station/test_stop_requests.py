@@ -171,7 +171,7 @@ class Team:
         others = {name: Mock(requests=base.requests) for name, base in self.bases.items() if name}
         for name, robot in others.items():
             robot.name, robot.stop_state = name, "ready"
-        self.stop = StopAll(self.bases[""].requests, lambda: "ready", Mock(all=others))
+        self.stop = StopAll(self.bases[""].requests, lambda: "ready", Mock(all=others, unknown=""))
 
     def fates(self, press: str) -> dict[str, str]:
         return {one["robot"]: one["fate"] for one in self.stop.states(press)}

@@ -47,6 +47,7 @@ from robbie_mp.messages import (
     CompressedImage,
     ControlState,
     DriveCommand,
+    EmergencyStop,
     Image,
     LinkChannel,
     LinkPeer,
@@ -147,7 +148,9 @@ class Link(Module):
     plays = False
     """Whether the run has a time of its own, as when a log is played: it commands no other robot."""
     withheld = 0
-    """Commands that were not sent for that reason."""
+    """Messages that were not sent for that reason."""
+    _log_source: str | None = None
+    """The module from which the run has that time."""
 
     robot: str = setting(REQUIRED, "the name of this robot, which no other robot has")
     mode: str = setting("peer", "how links find one another", choices=("peer", "client"))
@@ -263,6 +266,7 @@ class Link(Module):
             run_folder = next(run.folder for run in list_runs() if run.run_id == self.run_id)
             plan = RunPlan.load(run_folder)
             at_once, self.plays = not plan.clock.lockstep, plan.clock.source is not None
+            self._log_source = plan.clock.source
             own_types = (TypeDescription(*one) for one in plan.types)
             self._types = LinkedTypes(own_types, run_folder, self.log)
             own = {one.class_path for one in plan.modules if one.name == self.name} | {CLASS_PATH}
@@ -353,7 +357,7 @@ class Link(Module):
         outgoing = self._outgoing.get(key) or self._classify(ChannelId(*key))
         data = message.data if len(message.data) >= LARGE_BYTES else bytes(message.data)
         name, traffic, is_latched, type_hash, may_be_jpeg = outgoing
-        if self.plays and traffic is TrafficClass.COMMAND:
+        if self.plays and self._is_of_the_past(name, traffic, envelope.sender):
             self.withheld += 1
             return
         offered = Offered(name, traffic, data, envelope.published_ns, is_latched, type_hash)
@@ -364,6 +368,15 @@ class Link(Module):
             self.node.offer_to(robot, offered, self.clock.monotonic_ns())
         else:
             self.node.offer(offered, self.clock.monotonic_ns())
+
+    def _is_of_the_past(self, name: ChannelId, traffic: TrafficClass, sender: str) -> bool:
+        """Whether a message must not reach other robots from here, because a log may have published it.
+
+        A stop by hand does reach them. A stop, a release or the state of a base in a log does not.
+        """
+        if name.type_name == EmergencyStop.type_name:
+            return sender == self._log_source
+        return traffic is TrafficClass.COMMAND or name.type_name == OperatorRequest.type_name
 
     def _as_jpeg(self, offered: Offered) -> Offered:
         """Return an image as it is sent: as JPEG, if nothing but sharpness is lost."""
@@ -468,7 +481,8 @@ class Link(Module):
             return self._take_for_itself(message, data, incoming)
         is_wrong = incoming.tells_driver and not self._note_driver(message.robot, data)
         name = message.name
-        if incoming.commands and name.type_name == DriveCommand.type_name and name.topic == MANUAL_TOPIC:
+        is_by_hand = MANUAL_TOPIC in (name.topic, incoming.topic)
+        if incoming.commands and name.type_name == DriveCommand.type_name and is_by_hand:
             self._see_drive(message.robot, data)
         if is_wrong or (incoming.commands and not self._is_obeyed(message.robot)):
             return Fate.REFUSED
@@ -528,6 +542,8 @@ class Link(Module):
             self.mismatched += 1
             return None
         topic = self._topic_here(robot, name.topic)
+        if name.type_name == OperatorRequest.type_name and REQUEST_TOPIC not in (name.topic, topic):
+            return None  # it is for another robot, which its sender has not met yet
         if len(self._incoming) >= MAX_REMEMBERED:
             self._incoming.clear()
         found = self._incoming[robot, name, message.type_hash] = LinkIncoming(

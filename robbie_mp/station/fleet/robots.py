@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from functools import partial
 from typing import TYPE_CHECKING
 
+from robbie_mp.bus.transport.endpoint import TooManyDeclarations
 from robbie_mp.connect.link.header import ROBOT_NAME
 from robbie_mp.messages import (
     EmergencyStop,
@@ -50,23 +52,35 @@ class OtherRobot:
         self.summary = messages.newest(RobotSummary, f"{name}/{SUMMARY}")
         self._stop = messages.newest(EmergencyStop, f"{name}/{STATE_TOPIC}")
         self.peer = LinkPeer(robot=name)
-        self.is_up = False
+        # Ages are of this machine's clock: that of the station stands while a log beside it does.
+        self._noted_s = -math.inf
+        self._heard_s: float | None = None
         self._stop_heard_s: float | None = None
         self._waits_in_link = False
+        self.summary.listen(self._hear)
         self._stop.listen(self._see)
         self.requests = StopRequests(self._send)
 
-    def note(self, peer: LinkPeer, *, is_known: bool) -> None:
-        """Note what the link says of it; `is_known`: whether the link itself is heard."""
-        self.peer, self.is_up = peer, peer.is_up and is_known
-        if self.is_up:
+    def note(self, peer: LinkPeer) -> None:
+        """Note what a link has just said of it."""
+        self.peer, self._noted_s = peer, time.monotonic()
+        if peer.is_up:
             self._waits_in_link = False
 
     @property
+    def is_up(self) -> bool:
+        """Whether a link hears it. A link that was started again may not know it any more."""
+        return self.peer.is_up and time.monotonic() - self._noted_s < LINK_STALE_S
+
+    def _age_s(self, heard_s: float | None) -> float | None:
+        """Return the age of something that was heard, with the time that it was under way."""
+        trip_s = self.peer.round_trip_s
+        return None if heard_s is None else time.monotonic() - heard_s + (trip_s / 2 if trip_s > 0 else 0.0)
+
+    @property
     def age_s(self) -> float | None:
-        """Age of what it has told last, with the time that this was under way; None: nothing yet."""
-        age_s, trip_s = self.summary.age_s, self.peer.round_trip_s
-        return None if age_s is None else age_s + (trip_s / 2 if trip_s > 0 else 0.0)
+        """Age of what it has told last; None: nothing yet."""
+        return self._age_s(self._heard_s)
 
     @property
     def is_stale(self) -> bool:
@@ -77,11 +91,11 @@ class OtherRobot:
     @property
     def stop_state(self) -> str:
         """The state of its emergency stop, in words; NOT CONFIRMED while it has not confirmed a stop."""
-        state, heard_s = self._stop.message, self._stop_heard_s
+        state = self._stop.message
         return state_text(
             self.requests.waits_s,
             None if state is None else state.engaged,
-            None if heard_s is None else time.monotonic() - heard_s,
+            self._age_s(self._stop_heard_s),
             "" if self.is_up else ": no link",
         )
 
@@ -98,9 +112,15 @@ class OtherRobot:
             engaged=engaged,
             reason=STOPPED_BY.format(self._by),
         )
-        is_sent = self._publish(message, topic=f"{self.name}/{REQUEST_TOPIC}")
+        try:
+            is_sent = self._publish(message, topic=f"{self.name}/{REQUEST_TOPIC}")
+        except TooManyDeclarations:
+            return False  # which must not keep the stop from other robots
         self._waits_in_link = is_sent and not self.is_up
         return is_sent
+
+    def _hear(self, _summary: RobotSummary) -> None:
+        self._heard_s = time.monotonic()
 
     def _see(self, state: EmergencyStop) -> None:
         self._stop_heard_s = time.monotonic()
@@ -122,25 +142,44 @@ class OtherRobots:
     """
 
     def __init__(self, messages: MessageSource, clock: Clock, publish: Publish, own_name: str):
-        self._messages = messages
-        self._link = messages.newest(LinkState)
         self._make = partial(OtherRobot, messages=messages, clock=clock, publish=publish, by=own_name)
         self.all: dict[str, OtherRobot] = {}
         """By their names at the link. The dict is replaced and never changed, because pages read it."""
+        self._left_out: frozenset[str] = frozenset()
+        self._is_told = False
         self.own: RobotSummary | None = None
         """What this robot tells the others."""
         self.own_camera = ""
         """The camera whose pictures the others see; '' before the first picture."""
+        messages.newest(LinkState).listen(self._note)
+
+    @property
+    def unknown(self) -> str:
+        """Robots that nobody can stop from here, in words; '': there are none, as far as the link knows."""
+        if not self._is_told:
+            return "other robots"
+        count = len(self._left_out)
+        return f"{count} more than {len(self.all)} other robots" if count else ""
 
     def tick(self) -> None:
-        """Notice new robots, and repeat stops; called in the module's thread."""
-        state = self._link.message
-        is_known = (self._link.age_s or 0.0) < LINK_STALE_S
-        for peer in () if state is None else state.peers:
-            is_new = peer.robot not in self.all and len(self.all) < MAX_ROBOTS
-            if is_new and ROBOT_NAME.fullmatch(peer.robot):
-                self.all = {**self.all, peer.robot: self._make(peer.robot)}
-            if peer.robot in self.all:
-                self.all[peer.robot].note(peer, is_known=is_known)
+        """Repeat stops; called in the module's thread."""
         for robot in self.all.values():
             robot.requests.repeat()
+
+    def _note(self, state: LinkState) -> None:
+        """Notice new robots, and how each is heard."""
+        for peer in state.peers:
+            if peer.robot not in self.all and ROBOT_NAME.fullmatch(peer.robot):
+                self._meet(peer.robot)
+            if peer.robot in self.all:
+                self.all[peer.robot].note(peer)
+        self._is_told = True
+
+    def _meet(self, name: str) -> None:
+        try:
+            if len(self.all) < MAX_ROBOTS:
+                self.all = {**self.all, name: self._make(name)}
+                return
+        except TooManyDeclarations:
+            pass
+        self._left_out |= {name}

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 OWN = ""
 """The name under which this robot stands among the others: no robot at a link has it."""
+UNKNOWN = "not known"
 
 
 class StopAll:
@@ -44,9 +45,17 @@ class StopAll:
                 robot.requests.press(name)
 
     def states(self, press: str) -> list[dict[str, str]]:
-        """Return each robot with the state of its stop, and what has become of a press there."""
+        """Return each robot with the state of its stop, and what has become of a press there.
+
+        A press has no fate at robots that this station cannot stop, so a page keeps it meanwhile.
+        """
         own = {"robot": OWN, "state": self._own_state(), "fate": self._own.fate(press) or ""}
-        return [own] + [
-            {"robot": one.name, "state": one.stop_state, "fate": one.requests.fate(press) or ""}
-            for one in self._team.all.values()
+        unknown = self._team.unknown
+        return [
+            own,
+            *(
+                {"robot": one.name, "state": one.stop_state, "fate": one.requests.fate(press) or ""}
+                for one in self._team.all.values()
+            ),
+            *([{"robot": unknown, "state": UNKNOWN, "fate": ""}] if unknown else []),
         ]

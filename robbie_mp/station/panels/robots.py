@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 REFRESH_S = 0.3
 LOW_CHARGE = 0.2
-MAX_TEXT, MAX_ALARM_TEXT = 40, 200
+MAX_TEXT, MAX_ALARM_TEXT, MAX_ADDRESS = 40, 200, 300
 """Maximum number of characters that are shown of what another robot tells."""
 STYLE = Path(__file__).parent / "robots.css"
 
@@ -109,9 +109,13 @@ class RobotsPanel(Panel):
             return {**told(self._team.own), "robot": OWN, "stale": "", "mayHold": False}
         robot = self._team.all[name]
         stale = stale_text(robot)
-        shown = told(robot.summary.message) | {"robot": name, "stale": stale}
+        shown = told(robot.summary.message)
+        # Two robots may tell the same name, and stops go by those of the link.
+        title = name if shown["name"] in ("", name) else f"{name} ({shown['name']})"
+        if self._team.own is not None and shown["page"] == self._team.own.page:
+            shown["page"] = ""  # 127.0.0.1 here is not the other robot
         may_hold = page.can_command and bool(shown["page"]) and not stale
-        return {**shown, "name": shown["name"] or name, "mayHold": may_hold}
+        return {**shown, "robot": name, "stale": stale, "name": title, "mayHold": may_hold}
 
 
 class Picture:
@@ -142,13 +146,18 @@ def told(summary: RobotSummary | None) -> dict[str, Any]:
     return {
         "name": summary.robot[:MAX_TEXT],
         "colour": summary.colour if COLOUR.fullmatch(summary.colour) else "",
-        "page": summary.page if summary.page.startswith(("http://", "https://")) else "",
+        "page": summary.page if is_address(summary.page) else "",
         "mode": summary.mode[:MAX_TEXT],
         "state": summary.state[:MAX_TEXT],
-        "battery": None if math.isnan(battery) else round(100 * battery),
+        "battery": round(100 * battery) if math.isfinite(battery) else None,
         "low": battery < LOW_CHARGE,
         "alarms": [[int(one.level), one.text[:MAX_ALARM_TEXT]] for one in summary.alarms[:MAX_ALARMS]],
     }
+
+
+def is_address(text: str) -> bool:
+    """Return whether a text may be the address of a page."""
+    return text.startswith(("http://", "https://")) and len(text) <= MAX_ADDRESS
 
 
 def stale_text(robot: OtherRobot) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from functools import partial
@@ -26,7 +27,7 @@ from robbie_mp.station.watch.pictures import serve_pictures
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from nicegui.events import GenericEventArguments
 
@@ -36,8 +37,11 @@ if TYPE_CHECKING:
 LOOK_S = 1.0
 REFRESH_S = 0.3
 MAX_POINTS = 300
+MAX_RESTARTS = 300
 MAX_MOMENTS = 16
 """Of those that pages have looked at, so many keep their pictures."""
+EARLY_S = 1.0
+"""A picture that was taken so long before the moment says so."""
 MOMENT_PATH = "/moments/"
 RESTART = "restart"
 LANES = {
@@ -134,6 +138,8 @@ class TimeLinePanel(Panel):
             if one.restarts and one.started_ns:
                 at_s = now_s - (time.monotonic_ns() - one.started_ns) / 1e9
                 self._restarts.setdefault((one.name, one.started_ns), at_s)
+        while len(self._restarts) > MAX_RESTARTS:
+            self._restarts.pop(next(iter(self._restarts)))
         for (name, _), at_s in self._restarts.items():
             yield TimePoint(f"{name}/{at_s}", at_s, RESTART, f"{name} was started again")
 
@@ -160,14 +166,16 @@ class TimeLinePanel(Panel):
         media_type = "image/png" if data.startswith(b"\x89PNG") else "image/jpeg"
         return Response(data, media_type=media_type, headers={"Cache-Control": "no-store"})
 
-    def choose(self, point: TimePoint) -> tuple[int, Moment]:
-        """Read a moment, in a thread.
+    def choose(self, point: TimePoint, is_chosen: Callable[[], bool]) -> tuple[int, Moment] | None:
+        """Read a moment, in a thread; None if another one has been chosen meanwhile.
 
         Raises:
             OSError: its clip cannot be read.
             RobbieError: the clip is damaged.
         """
         with self._one_at_a_time:
+            if not is_chosen():
+                return None
             moment = read_moment(self._folder / CLIPS / point.clip, point.time_s, point.text)
             self._number += 1
             kept = [*self._moments.items()][-MAX_MOMENTS + 1 :]
@@ -195,10 +203,13 @@ class TimeLinePanel(Panel):
         self._shown = open_pages if moment is None else {**open_pages, page.key: moment}
 
     def _line(self, chosen: str) -> dict[str, Any]:
+        now_s = time.time()
+        begin_s = min(self.begin_s, now_s)
         points = [
             {
                 "key": one.key,
-                "at": round(one.time_s, 1),
+                # The clock may have been set since: then it is at an end of the line, but never lost.
+                "at": round(min(max(one.time_s, begin_s), now_s), 1),
                 "lane": LANES.get(one.kind, OTHER),
                 "icon": LOOKS[one.kind][0] if one.kind in LOOKS else "restart_alt",
                 "text": f"{time_of_day(one.time_s)[:8]} {one.text}",
@@ -206,7 +217,7 @@ class TimeLinePanel(Panel):
             }
             for one in self.points
         ]
-        return {"begin": round(self.begin_s), "points": points, "chosen": chosen, "now": round(time.time())}
+        return {"begin": math.floor(begin_s), "points": points, "chosen": chosen, "now": math.ceil(now_s)}
 
     def _on_choose(self, beside: MomentBeside, event: GenericEventArguments) -> None:
         point = next((one for one in self.points if one.key == event.args), None)
@@ -244,14 +255,16 @@ class MomentBeside:
         if point.picture:
             self._box.clear()
             with self._box, ui.element("figure"):
-                ui.element("img").props(f'src="{prefix()}{point.picture}" alt="{point.text}"')
+                show_image(f"{prefix()}{point.picture}", point.text)
                 ui.element("figcaption").props("id=moment-title")
         elif point.clip:
             threading.Thread(target=self._read, args=(point,), name="reads a moment", daemon=True).start()
 
     def _read(self, point: TimePoint) -> None:
         try:
-            result: tuple[int, Moment] | str = self._panel.choose(point)
+            result: tuple[int, Moment] | str | None = self._panel.choose(
+                point, lambda: point.key == self.chosen
+            )
         except (OSError, RobbieError) as error:
             result = f"{point.text}: its clip cannot be read: {error}"
         if point.key == self.chosen:
@@ -289,16 +302,17 @@ class MomentBeside:
             if not moment.pictures:
                 ui.label("The clip has no picture of this moment.").classes("moment-text")
             for index, camera in enumerate(moment.pictures):
-                self._build_pictures(number, index, camera)
+                self._build_pictures(number, index, camera, moment.early_s.get(camera, 0.0))
 
-    def _build_pictures(self, number: int, index: int, camera: str) -> None:
-        """Build what a camera saw then, and what it sees now."""
+    def _build_pictures(self, number: int, index: int, camera: str, early_s: float) -> None:
+        """Build what a camera saw then, or so long before, and what it sees now."""
         with ui.element("div").classes("moment-pair"):
             with ui.element("figure").classes("is-then"):
                 path = f"{prefix()}{MOMENT_PATH}{number}/{index}"
-                ui.element("img").props(f'src="{path}" alt="{camera}, then"')
+                show_image(path, f"{camera}, then")
                 with ui.element("figcaption"):
-                    ui.label(f"THEN: {camera}")
+                    early = f", {early_s:.0f} s before" if early_s >= EARLY_S else ""
+                    ui.label(f"THEN{early}: {camera}")
             with ui.element("figure"):
                 found = self._panel.live_camera(camera)
                 if found:
@@ -307,6 +321,12 @@ class MomentBeside:
                     ui.label("sends no pictures now").classes("no-picture")
                 with ui.element("figcaption"):
                     ui.label(f"NOW: {camera}")
+
+
+def show_image(path: str, text: str) -> None:
+    """Show a picture. The name of a camera may come from another robot, so it is no HTML."""
+    image = ui.element("img")
+    image.props["src"], image.props["alt"] = path, text
 
 
 def prefix() -> str:

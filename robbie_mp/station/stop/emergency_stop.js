@@ -123,7 +123,7 @@ export default {
     },
     // All robots of the team. The press is kept until each of them has confirmed it.
     press_all() {
-      this.kept_all = { name: new_name(), pressed_ms: performance.timeOrigin + performance.now(), settled: [] };
+      this.kept_all = { name: new_name(), pressed_ms: performance.timeOrigin + performance.now(), settled: [], reached: [] };
       this.keep_all();
       this.ask();
       this.tell_robots();
@@ -134,17 +134,27 @@ export default {
     },
     hear_all({ press_all, robots }) {
       if (!this.kept_all || press_all !== this.kept_all.name || !robots) return;
-      const settled = robots.filter((one) => SETTLED.includes(one.fate)).map((one) => one.robot);
+      const named = (those) => those.map((one) => one.robot);
+      const settled = named(robots.filter((one) => SETTLED.includes(one.fate)));
       this.kept_all.settled = [...new Set([...this.kept_all.settled, ...settled])];
-      if (robots.every((one) => this.kept_all.settled.includes(one.robot))) this.kept_all = null;
+      // A robot that was started again does not know the others until it has met them.
+      this.kept_all.reached = [...new Set([...this.kept_all.reached, ...named(robots.filter((one) => one.fate))])];
+      const all = [...named(robots), ...this.kept_all.reached];
+      if (all.every((robot) => this.kept_all.settled.includes(robot))) this.kept_all = null;
       this.keep_all();
+    },
+    // The robots that have not confirmed the press, and that the station does not know any more.
+    missing() {
+      const { settled = [], reached = [] } = this.kept_all ?? {};
+      const is_missing = (robot) => !settled.includes(robot) && !this.answer.robots.some((one) => one.robot === robot);
+      return reached.filter(is_missing).map((robot) => ({ robot, state: "NOT CONFIRMED: this robot has not met it again" }));
     },
     // Tells the panel with all robots how each is.
     tell_robots() {
       const { answer, kept_all } = this;
       if (!answer?.robots) return;
       const pressed_s = kept_all ? (performance.timeOrigin + this.now_ms - kept_all.pressed_ms) / 1000 : null;
-      const detail = { robots: answer.robots, pressed_s, is_at_station: this.is_at_all && !this.is_lost, is_lost: this.is_lost };
+      const detail = { robots: [...answer.robots, ...this.missing()], pressed_s, is_at_station: this.is_at_all && !this.is_lost, is_lost: this.is_lost };
       dispatchEvent(new CustomEvent("robbie-robots", { detail }));
     },
     beat() {

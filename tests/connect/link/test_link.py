@@ -14,6 +14,7 @@ from PIL import Image as PillowImage
 
 from robbie_mp import Header, ModuleHarness, SettingError
 from robbie_mp.bus.transport.endpoint import NameTooLong, TooManyDeclarations
+from robbie_mp.connect.link.clock_offset import Exchange
 from robbie_mp.connect.link.frames import prefixed
 from robbie_mp.connect.link.handshake import NotConnected, shake_hands
 from robbie_mp.connect.link.header import ChannelId
@@ -25,11 +26,14 @@ from robbie_mp.connect.link.traffic import TrafficClass
 from robbie_mp.connect.link.wire import Endpoints, open_session
 from robbie_mp.messages import (
     CompressedImage,
+    DriveCommand,
+    Duration,
     EmergencyStop,
     Image,
     LinkState,
     Message,
     Odometry,
+    OperatorRequest,
     String,
     replace,
 )
@@ -231,3 +235,57 @@ def test_a_topic_that_the_bus_does_not_take_is_refused_and_ends_nothing(
             "blue", 1, TrafficClass.RELIABLE, 0, name, String(data="x").encode(), 0, 0, False, ("blue",)
         )
         assert link.on_arrived(message) is Fate.REFUSED
+
+
+def test_order_to_a_robot_reaches_no_other_that_its_link_knows_instead() -> None:
+    """A link that was started again sends what is for a robot that it has not met to all others."""
+    settings = {"robot": "red", "listen": [], "accept": {"blue": ["*"]}, "prefix_topics": True}
+    with ModuleHarness(Link, settings) as harness:
+        link = harness.module
+        link.node.meet("blue")
+        fates = {}
+        for topic in ("green/operator_request", "red/operator_request", "operator_request"):
+            name = ChannelId(OperatorRequest.type_name, OperatorRequest.version, topic)
+            hold = OperatorRequest(wish=OperatorRequest.HOLD).encode()
+            one = Arrived("blue", 1, TrafficClass.URGENT, 0, name, hold, 0, 0, False, ("blue",))
+            fates[topic] = link.on_arrived(one)
+        assert [*fates.values()] == [Fate.REFUSED, Fate.PUBLISHED, Fate.PUBLISHED]
+        assert len(link._orders) == 2
+
+
+def test_operator_who_drives_one_of_several_robots_must_let_go_when_the_link_is_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings = {"robot": "red", "listen": [], "accept": {"blue": ["DriveCommand */manual"]}}
+    with ModuleHarness(Link, {**settings, "prefix_topics": True}) as harness:
+        harness.advance(2.0)
+        link = harness.module
+        seen: list[tuple[str, bool]] = []
+        peer = link.node.meet("blue")
+        assert peer is not None
+        now_ns = harness.clock.monotonic_ns()
+        peer.clock.add(Exchange(now_ns, now_ns, now_ns, now_ns))
+        monkeypatch.setattr(link.operators, "see_drive", lambda name, *_, moves: seen.append((name, moves)))
+        command = DriveCommand(linear_m_per_s=0.5, valid_for=Duration.from_nanoseconds(220_000_000))
+        name = ChannelId(DriveCommand.type_name, DriveCommand.version, "red/manual")
+        data = command.encode()
+        link.on_arrived(Arrived("blue", 1, TrafficClass.COMMAND, 0, name, data, now_ns, 0, False, ("blue",)))
+        assert seen == [("blue", True)]
+
+
+def test_orders_and_stops_of_a_log_that_is_played_reach_no_robot_and_a_stop_by_hand_does() -> None:
+    send = {"urgent": ["EmergencyStop */emergency_stop", "OperatorRequest */operator_request"]}
+    settings = {"robot": "red", "listen": [], "robots": ["blue"], "send": send, "prefix_topics": True}
+    with ModuleHarness(Link, settings) as harness:
+        link = harness.module
+        link.plays, link._log_source = True, "playback"
+        offered: list[object] = []
+        link.node.offer_to = lambda robot, message, now_ns: offered.append(  # type: ignore[method-assign]
+            EmergencyStop.decode(message.data)
+        )
+        for engaged in (True, False):
+            harness.send(EmergencyStop(engaged=engaged), topic="blue/emergency_stop", sender="playback")
+        harness.send(OperatorRequest(), topic="blue/operator_request", sender="playback")
+        assert (offered, link.withheld) == ([], 3)
+        harness.send(EmergencyStop(engaged=True), topic="blue/emergency_stop", sender="operator")
+        assert offered == [EmergencyStop(engaged=True)]
