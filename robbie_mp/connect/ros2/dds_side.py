@@ -125,7 +125,7 @@ class DdsSide:
         types: returns the class of a channel's messages.
         interface: the network interface to use; on `lo`, only nodes of this machine are found.
         admission: which nodes it deals with; CycloneDDS cannot keep others from reading what it sends.
-        max_memory_bytes: memory of the process, but for what it shares, at which `look_after` fails.
+        max_memory_bytes: memory that the process may take after this was made; beyond it, `look_after` fails.
 
     Raises:
         Ros2Unavailable: a package is missing, or the interface.
@@ -164,6 +164,7 @@ class DdsSide:
     """Publishers that CycloneDDS does not know, with the number of looks."""
 
     def __post_init__(self) -> None:
+        self._memory_at_first_bytes = own_memory_bytes()
         try:
             from cyclonedds.builtin import (  # noqa: PLC0415
                 BuiltinDataReader,
@@ -394,11 +395,11 @@ class DdsSide:
 
     def _look_at_memory(self) -> None:
         """Fail if nodes have announced so much that it fills the memory: the next process has none of it."""
-        memory_bytes = own_memory_bytes()
-        if memory_bytes > self.max_memory_bytes:
+        grown_bytes = own_memory_bytes() - self._memory_at_first_bytes
+        if grown_bytes > self.max_memory_bytes:
             raise Ros2Unavailable(
-                f"this process has {memory_bytes >> 20} MiB of its own, more than `max_memory_bytes`: nodes "
-                f"have announced very many endpoints, or messages wait for nodes that are late"
+                f"the bridge has taken {grown_bytes >> 20} MiB, more than `max_memory_bytes`: nodes have "
+                f"announced very many endpoints, or messages wait for nodes that are late"
             )
 
     def _forget_names(self) -> None:

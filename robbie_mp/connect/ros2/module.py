@@ -161,7 +161,7 @@ class Ros2Bridge(ClockSource):
     max_message_bytes: int = setting(64 << 20, "size of the largest message that is accepted", minimum=1024)
     max_memory_bytes: int = setting(
         1 << 30,
-        "for DDS: memory of its own at which it starts again: CycloneDDS keeps all that nodes announce",
+        "for DDS: memory that it may take until it starts again: CycloneDDS keeps all that nodes announce",
         minimum=128 << 20,
     )
 

@@ -9,7 +9,12 @@ import robbie_mp
 from robbie_mp.base.errors import RobbieError
 
 STANDARD_LIBRARY = sysconfig.get_paths()["stdlib"]
-OURS = (f"{Path(robbie_mp.__file__).parent}/", "<frozen importlib", f"{STANDARD_LIBRARY}/importlib/")
+OURS = (
+    f"{Path(robbie_mp.__file__).parent}/",
+    "robbie_mp/bus/_hot/",  # Cython names its sources as they were named when it compiled them
+    "<frozen importlib",
+    f"{STANDARD_LIBRARY}/importlib/",
+)
 LIBRARIES = re.compile(rf".*/(site|dist)-packages/|{re.escape(STANDARD_LIBRARY)}/")
 SAYS_ALL = (RobbieError, OSError)
 """Errors whose text says what is wrong, so that only the line of the module that meets them counts."""

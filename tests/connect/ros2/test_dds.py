@@ -118,7 +118,7 @@ def test_bridge_ends_when_its_memory_is_too_large(monkeypatch: pytest.MonkeyPatc
     with ModuleHarness(Ros2Bridge, {**SETTINGS, "max_memory_bytes": 256 << 20}) as bridge:
         monkeypatch.setattr(dds_side, "LOOK_NS", 0)
         bridge.advance(0.02)
-        ballast = np.ones(256 << 20, np.uint8)
+        ballast = np.ones(300 << 20, np.uint8)
         with pytest.raises(Ros2Unavailable, match="more than `max_memory_bytes`"):
             bridge.advance(0.02)
         assert ballast[-1]
