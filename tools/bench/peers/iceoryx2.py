@@ -70,7 +70,7 @@ class Iceoryx2(Peer):
 
     def clean(self, work: Work) -> None:
         """Remove this work's segments."""
-        for file in Path("/dev/shm").glob(f"{work.topic}_*"):
+        for file in Path("/dev/shm").glob(f"{work.topic}*"):
             file.unlink(missing_ok=True)
         shutil.rmtree(work.folder / "iceoryx2", ignore_errors=True)
 
