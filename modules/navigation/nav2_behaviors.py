@@ -65,11 +65,11 @@ KINDS: dict[type[Goal[Any, Any]], tuple[Any, Any]] = {
 SPINS, BACKS_UP = (Spin, KiltedSpin), (BackUp, KiltedBackUp)
 FEEDBACK_S = 0.1
 BLIND_S = 2.0
-"""A goal is given up when nobody has seen the robot move, or what is near it, for this time."""
+"""The goal is aborted when odometry or a laser that guards is older than this."""
 JUMP = 0.1
 """Odometry may be wrong by this, m or rad, beyond twice the way at full speed while it is fresh."""
 SLIP, SLIP_BEYOND = 2.0, 0.3
-"""A goal is given up when commands for so many times its way, and for these m or rad, were not enough."""
+"""The goal is aborted when commands add up to SLIP times its way plus SLIP_BEYOND, m or rad."""
 SLOWING_M_PER_S2, SLOWING_RAD_PER_S2 = 0.4, 0.8
 SLOWEST_M_PER_S, SLOWEST_RAD_PER_S = 0.04, 0.1
 

@@ -180,7 +180,7 @@ class KiltedDriveOnHeading(
     disable_collision_checks: bool = False  # refused if true
 
 
-class Goals(Message, name="nav_msgs/msg/Goals"):
+class PoseGoals(Message, name="nav_msgs/msg/Goals"):
     """Poses to drive through (Kilted)."""
 
     header: Header = DEFAULT
@@ -228,7 +228,7 @@ class KiltedNavigateThroughPoses(
 ):
     """Drive through poses to the last one."""
 
-    poses: Goals = DEFAULT
+    poses: PoseGoals = DEFAULT
     behavior_tree: str = DEFAULT  # Nav2's file of it; nothing else uses it
 
 

@@ -49,14 +49,14 @@ class PipelineRobbie(RobbieContender):
             "operator": {"class": "robbie_mp.station:OperatorStation", "settings": {"port": 0}},
         }
         stages = {
-            name: {"class": f"{MODULES}:Stage", "settings": {**settings, "index": index}}
+            name: {"class": f"{MODULES}:PipelineStage", "settings": {**settings, "index": index}}
             for index, name in enumerate(STAGES)
         }
         return {
             **(watching if self._is_watched else {}),
-            "base": {"class": f"{MODULES}:Base", "settings": settings, "ends_run": True},
+            "base": {"class": f"{MODULES}:PipelineBase", "settings": settings, "ends_run": True},
             **dict(reversed(stages.items())),
-            "camera": {"class": f"{MODULES}:Camera", "settings": settings},
+            "camera": {"class": f"{MODULES}:PipelineCamera", "settings": settings},
         }
 
 

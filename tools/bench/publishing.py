@@ -11,7 +11,7 @@ from tools.bench.record import (
     RECEIVED,
     SENT,
     STAMPS,
-    Handle,
+    OnMessage,
     map_publisher,
     map_subscriber,
 )
@@ -49,7 +49,7 @@ def publish_all(work: Work, send: Callable[[int], None]) -> None:
     _finish(send, subscribers)
 
 
-def passing_on(work: Work, send: Callable[[int], None]) -> Handle:
+def passing_on(work: Work, send: Callable[[int], None]) -> OnMessage:
     """Return what a stage does with each message: it sends one with the same number."""
     subscribers = [map_subscriber(work, index) for index in range(work.subscribers)]
 

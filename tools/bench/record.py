@@ -37,7 +37,7 @@ def map_publisher(work: Work) -> memoryview:
     return _map(publisher_file(work), STAMPS + (work.count if work.stages else 0))
 
 
-class Handle(Protocol):
+class OnMessage(Protocol):
     """Records decoded messages; see `Receipts.handle`."""
 
     def __call__(self, number: int, stamp_ns: int, now_ns: int = 0, /) -> bool:

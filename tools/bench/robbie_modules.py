@@ -167,7 +167,7 @@ class Subscriber(Module):
         self.handle(picture.number, stamp_ns, now_ns)
 
 
-class Stage(Module):
+class PipelineStage(Module):
     """Sends a small message for each one it receives."""
 
     work_file: Path = setting(REQUIRED, "the work, as JSON")
@@ -196,7 +196,7 @@ class Stage(Module):
         self.publish(probe, topic=self.target.topic)
 
 
-class Base(Subscriber):
+class PipelineBase(Subscriber):
     """The subscriber behind all stages, which ends the run when it has the last message."""
 
     def on_probe(self, probe: Probe) -> None:
@@ -205,7 +205,7 @@ class Base(Subscriber):
             self.stop()
 
 
-class Camera(Publisher):
+class PipelineCamera(Publisher):
     """The publisher before all stages, which goes on running until the base ends the run."""
 
     def tick(self) -> None:

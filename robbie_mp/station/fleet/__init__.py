@@ -1,1 +1,1 @@
-"""Several robots on one page: what each tells of itself over the link, and a stop for all of them."""
+"""Several robots on one page: the summary that each sends over the link, and a stop for all of them."""

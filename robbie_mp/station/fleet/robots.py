@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 MAX_ROBOTS = 32
 STALE_S = 2.0
-"""A robot that has told nothing for this time is shown as stale."""
+"""A robot is shown as stale when its last message is older than this."""
 LINK_STALE_S = 3.0
-"""A link tells its state once a second."""
+"""A link publishes its state once a second."""
 STOPPED_BY = "all robots were stopped by hand on the page of {}"
 HOLD_TOPIC = "operator_request"
 
@@ -79,7 +79,7 @@ class OtherRobot:
 
     @property
     def age_s(self) -> float | None:
-        """Age of what it has told last; None: nothing yet."""
+        """Age of its last summary; None if there has been none."""
         return self._age_s(self._heard_s)
 
     @property

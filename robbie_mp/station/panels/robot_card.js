@@ -1,4 +1,4 @@
-// One robot of the team: what it has told of itself, how old that is, and the way to drive it.
+// One robot of the team: its last summary, how old that is, and the way to drive it.
 export default {
   template: `<div class="robot-about" :class="{ 'is-stale': now.stale }">
     <h3 :style="{ borderLeftColor: now.colour || 'currentColor' }">{{ now.name || "this robot" }}<small v-if="!now.robot"> (this robot)</small></h3>

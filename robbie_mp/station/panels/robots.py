@@ -70,13 +70,13 @@ class RobotsPanel(Panel):
             return
         StopAllButton()
         box = ui.element("div").classes("robot-cards")
-        cards: dict[str, tuple[RobotCard, Picture]] = {}
+        cards: dict[str, tuple[RobotCard, RobotPicture]] = {}
 
         def update() -> None:
             for name in self._names():
                 if name not in cards:
                     with box, ui.element("article").classes("robot-card").props(f'data-robot="{name}"'):
-                        card, picture = RobotCard(), Picture()
+                        card, picture = RobotCard(), RobotPicture()
                     card.on("hold", partial(self.hold, page, name))
                     cards[name] = card, picture
                 card, picture = cards[name]
@@ -118,7 +118,7 @@ class RobotsPanel(Panel):
         return {**shown, "robot": name, "stale": stale, "name": title, "mayHold": may_hold}
 
 
-class Picture:
+class RobotPicture:
     """The picture of one robot, of the camera that it has now."""
 
     def __init__(self) -> None:
@@ -139,7 +139,7 @@ class Picture:
 
 
 def told(summary: RobotSummary | None) -> dict[str, Any]:
-    """Return what a robot has told of itself, for its card."""
+    """Return the contents of a robot's card from its last summary."""
     if summary is None:
         summary = RobotSummary(battery=math.nan)
     battery = summary.battery
@@ -161,11 +161,11 @@ def is_address(text: str) -> bool:
 
 
 def stale_text(robot: OtherRobot) -> str:
-    """Return for how long nobody has known how a robot is; '' if it is known."""
+    """Return how old the data of a stale robot is; '' if the robot is not stale."""
     if not robot.is_stale:
         return ""
     age_s = robot.age_s
     if age_s is None:
-        return "has told nothing yet" if robot.is_up else "no link, and nothing was heard yet"
+        return "no data yet" if robot.is_up else "no link, no data yet"
     link = "" if robot.is_up else "no link; "
     return f"{link}what is shown is {silence(age_s, 0.0) or '0 s'} old"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tools.bench.peers.peer import Peer, Send
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import Work
 
 CONFIGURATION = """<CycloneDDS><Domain><General>
@@ -43,7 +43,7 @@ class CycloneDDS(Peer):
 
         yield send_array if work.has_array else send
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Wait for data, then take all samples."""
         from cyclonedds.core import ReadCondition, SampleState, WaitSet  # noqa: PLC0415
         from cyclonedds.sub import DataReader  # noqa: PLC0415

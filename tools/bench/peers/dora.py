@@ -10,7 +10,7 @@ from typing import Any
 
 from tools.bench.peers.peer import Peer, Send
 from tools.bench.publishing import passing_on
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import Work
 
 QUEUE = 100
@@ -68,7 +68,7 @@ class Dora(Peer):
 
         return send_array if work.has_array else send
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Receive inputs."""
         import dora  # noqa: PLC0415
 
@@ -81,7 +81,7 @@ class Dora(Peer):
         node = dora.Node()
         self._receive(node, passing_on(source, self._sender(target, node)))
 
-    def _receive(self, node: Any, handle: Handle) -> None:
+    def _receive(self, node: Any, handle: OnMessage) -> None:
         for event in node:
             if event["type"] == "INPUT":
                 metadata: Any = event["metadata"]

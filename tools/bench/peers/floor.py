@@ -12,7 +12,7 @@ from itertools import cycle
 import posix_ipc
 
 from tools.bench.peers.peer import Peer, Send
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import END, Work
 
 PROBE = struct.Struct("qqdddddd")
@@ -53,7 +53,7 @@ class Floor(Peer):
             wake_subscriber()
             (number,) = NUMBER.unpack_from(memory, next(places))
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Wait until the relay wakes this process, and unpack the message."""
         memory, wait = _memory(work), _semaphore(work, SUBSCRIBER).acquire
         ended, places = False, cycle(PLACES)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tools.bench.peers.peer import Peer, Send
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import Work
 
 BUFFER = 64
@@ -55,7 +55,7 @@ class Iceoryx2(Peer):
         yield send(work, publisher, notifier)
         del publisher, notifier, service, event, node
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Wait for events, then take all samples."""
         node = open_node(work)
         service, event = _services(node, work)

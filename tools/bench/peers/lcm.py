@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 from tools.bench.peers.peer import Peer, Send
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import END, Work
 
 PROVIDER = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304"
@@ -56,7 +56,7 @@ class LCM(Peer):
 
         yield send_array if work.has_array else send
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Decode and handle."""
         import lcm  # noqa: PLC0415
 

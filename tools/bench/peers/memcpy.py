@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from tools.bench.peers.peer import Peer, Send
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import END, Work
 
 
@@ -22,7 +22,7 @@ class Memcpy(Peer):
         """Publish nothing: the receiver copies."""
         yield lambda _number: None
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Copy at the work's rate."""
         source = np.ones(work.size_bytes, np.uint8)
         target = np.zeros(work.size_bytes, np.uint8)

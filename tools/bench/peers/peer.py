@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from tools.bench.publishing import passing_on
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import Work
 
 Send = Callable[[int], None]
@@ -40,7 +40,7 @@ class Peer:
         """Yield a function that publishes. It works until the context ends."""
         raise NotImplementedError
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Receive until `handle` returns True."""
         raise NotImplementedError
 

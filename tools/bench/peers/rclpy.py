@@ -10,7 +10,7 @@ from typing import Any
 
 from tools.bench.peers.peer import Peer, Send
 from tools.bench.publishing import passing_on
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import Work
 
 ROS = Path(__file__).parents[3] / ".venv/ros-jazzy"
@@ -46,7 +46,7 @@ class Rclpy(Peer):
                 time.sleep(0.05)
             yield _sender(work, publisher)
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Spin until the last message."""
         ended: list[bool] = []
         with node_of(work, f"subscriber{index}") as node:

@@ -10,7 +10,7 @@ from typing import Any
 
 from tools.bench.peers.peer import Peer, Send
 from tools.bench.processes import remove_unmapped
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import Work
 
 PROBE = struct.Struct("qqdddddd")
@@ -42,7 +42,7 @@ class Zenoh(Peer):
 
             yield _array_sender(work, publisher) if work.has_array else send
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Wait in the main thread while Zenoh's thread runs the callback."""
         import zenoh  # noqa: PLC0415
 

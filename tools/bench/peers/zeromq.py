@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from tools.bench.peers.peer import Peer, Send
-from tools.bench.record import Handle
+from tools.bench.record import OnMessage
 from tools.bench.work import Work
 
 PROBE = struct.Struct("qqdddddd")
@@ -42,7 +42,7 @@ class ZeroMQ(Peer):
 
             yield send_array if work.has_array else send
 
-    def receive(self, work: Work, index: int, handle: Handle) -> None:
+    def receive(self, work: Work, index: int, handle: OnMessage) -> None:
         """Receive until the last message."""
         import zmq  # noqa: PLC0415
 
