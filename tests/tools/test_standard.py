@@ -42,6 +42,11 @@ def test_table_compares_with_the_floor_and_the_best_peer() -> None:
     assert "p99 µs" not in table, "of 100 messages, it is the second worst"
 
 
+def test_ratios_are_the_median_of_those_within_each_round() -> None:
+    rows = [row("robbie", [20.0, 50.0, 90.0]), row("lcm", [10.0, 100.0, 180.0])]
+    assert cells(standard_table([latency("1 kB", *rows)]), "1 kB: p50") == ["50", "100", "", "0.50"]
+
+
 def test_table_shows_no_figure_of_a_busy_machine_and_says_why() -> None:
     busy_row = failed("zeromq", str(NotComparable("other programs used 43 % of the processors")))
     rows = [row("robbie", [50.0]), busy_row, failed("lcm", "lcm is not installed")]

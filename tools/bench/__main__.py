@@ -77,7 +77,11 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m tools.bench", description=__doc__)
     add = parser.add_argument
     add("benchmarks", nargs="*", metavar="BENCHMARK", help=f"{', '.join(BENCHMARKS)}; default: all")
-    add("--standard", action="store_true", help="one table beside all installed peers, in ten minutes")
+    add(
+        "--standard",
+        action="store_true",
+        help="one table beside all installed peers, in a quarter of an hour",
+    )
     add("--quick", action="store_true", help="take less than 30 s for each benchmark")
     add("--json", type=Path, metavar="FILE", help="also write the results to this file")
     add(

@@ -6,7 +6,7 @@ from typing import Any
 
 from tools.bench.goals import is_peer
 from tools.bench.machine import NOT_COMPARABLE
-from tools.bench.table import middle, render, short_number
+from tools.bench.table import middle, ratio, render, short_number
 
 Row = dict[str, Any]
 
@@ -90,11 +90,10 @@ def _figures(results: Sequence[Row]) -> Iterator[tuple[Row, TableLine]]:
 
 def _cells(rows: Mapping[str, Row], figure: TableLine, titles: Mapping[str, str]) -> list[str]:
     values = {name: middle(row.get(figure.column, ())) for name, row in rows.items()}
-    others = [value for name, value in values.items() if value is not None and is_peer({"name": name})]
-    best = (max if figure.most_is_best else min)(others, default=None)
-    own, floor = values.get("robbie"), values.get(FLOORS[0])
+    others = {name: value for name, value in values.items() if value is not None and is_peer({"name": name})}
+    best = (max if figure.most_is_best else min)(others, key=lambda name: others[name], default="")
     cells = [_cell(rows[name], values[name]) if name in rows else "" for name in titles]
-    return [*cells, _ratio(own, floor), _ratio(own, best)]
+    return [*cells, *(_ratio(rows, other, figure.column) for other in (FLOORS[0], best))]
 
 
 def _cell(row: Row, value: float | None) -> str:
@@ -103,8 +102,10 @@ def _cell(row: Row, value: float | None) -> str:
     return NOT_COMPARABLE if row["trouble"].startswith(NOT_COMPARABLE) else ABSENT
 
 
-def _ratio(own: float | None, other: float | None) -> str:
-    return f"{own / other:.2f}" if own is not None and other else ""
+def _ratio(rows: Mapping[str, Row], other: str, column: str) -> str:
+    """Return the median of Robbie's ratios to another contender within each round."""
+    found = ratio(rows["robbie"], rows[other], column) if "robbie" in rows and other in rows else None
+    return "" if found is None else f"{found:.2f}"
 
 
 def _restart_line(row: Row, titles: Mapping[str, str]) -> list[str]:
