@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import secrets
+import time
 from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,7 +14,7 @@ from nicegui import ui
 from nicegui.element import Element
 
 from robbie_mp.attached.views.message_text import describe_playback
-from robbie_mp.messages import PlaybackControl, PlaybackState
+from robbie_mp.messages import PlaybackControl, PlaybackState, Time, replace
 from robbie_mp.station.page.log_events import EventKind, LogEvents
 from robbie_mp.station.page.menus import popup
 from robbie_mp.station.page.slider import Slider
@@ -30,6 +31,8 @@ RATES = {0.25: "¼", 0.5: "½", 1.0: "1", 2.0: "2", 4.0: "4", 10.0: "10", math.i
 """Rates, as multiples of real time."""
 LEAP_S = 5.0
 """How far an arrow key goes back or ahead."""
+ANSWERED_WITHIN_S = 2.0
+"""An order of which the playback has told nothing for this time is taken to be lost."""
 SHORTEST_S = 1.0
 """The smallest part of a log to which the time line can be enlarged."""
 BOOKMARK = "blue-3"
@@ -67,6 +70,8 @@ class PlaybackBar:
 
     def __init__(self, messages: MessageSource, kinds: Iterable[EventKind] = ()):
         self._state = messages.newest(PlaybackState)
+        self._coming: tuple[float, PlaybackState] | None = None
+        """When the last order was given, and the state that it leads to."""
         self.events = LogEvents(kinds)
         self.bookmarks = Bookmarks()
 
@@ -77,12 +82,23 @@ class PlaybackBar:
 
     def order(self, page: Page, command: str, value: float = 0.0) -> None:
         """Control the playback."""
+        before = self._expected()
         control = PlaybackControl(request=secrets.randbits(63), command=command, value=value)
-        page.publish(control, f"{command} of the playback")
+        if page.publish(control, f"{command} of the playback") and before is not None:
+            self._coming = time.monotonic(), changed(before, control)
+
+    def _expected(self) -> PlaybackState | None:
+        """Return the state to which the last order leads: keys may be quicker than its answer."""
+        state = self._state.message
+        if state is not None and self._coming is not None:
+            ordered_s, coming = self._coming
+            if coming.request != state.request and time.monotonic() - ordered_s < ANSWERED_WITHIN_S:
+                return coming
+        self._coming = None
+        return state
 
     def _turn(self, page: Page) -> None:
-        state = self._state.message
-        if state is not None:
+        if (state := self._expected()) is not None:
             self.order(page, "resume" if state.paused else "pause")
 
     def _seek(self, page: Page, position_s: object) -> None:
@@ -91,13 +107,13 @@ class PlaybackBar:
 
     def _leap(self, page: Page, by_s: float) -> None:
         """Go back or ahead from where the log is."""
-        if (state := self._state.message) is not None:
+        if (state := self._expected()) is not None:
             at_s = seconds(state, state.position.nanoseconds) + by_s
             self._seek(page, min(max(0.0, at_s), seconds(state, state.end.nanoseconds)))
 
     def _change_rate(self, page: Page, *, up: bool) -> None:
         """Play at the next higher or lower rate."""
-        if (state := self._state.message) is None:
+        if (state := self._expected()) is None:
             return
         others = [rate for rate in RATES if (rate > state.rate if up else rate < state.rate)]
         if others:
@@ -350,6 +366,21 @@ class EventMarks:
         button.set_enabled(self._page.role is Role.OPERATOR)
         button.props["aria-label"] = button.props["title"] = f"{text}, at {at_s:.1f} s"
         button.style(f"position: absolute; left: calc({100 * share:.2f}% - 1rem)")
+
+
+def changed(state: PlaybackState, control: PlaybackControl) -> PlaybackState:
+    """Return the state to which an order leads."""
+    state = replace(state, request=control.request)
+    match control.command:
+        case "pause" | "resume":
+            return replace(state, paused=control.command == "pause")
+        case "rate":
+            return replace(state, rate=control.value)
+        case "seek":
+            at_ns = state.begin.nanoseconds + round(control.value * 1e9)
+            return replace(state, position=Time.from_nanoseconds(at_ns))
+        case _:
+            return state
 
 
 def seconds(state: PlaybackState, time_ns: int) -> float:
