@@ -1,7 +1,8 @@
 """Starts a real Chromium without a window, controlled by Playwright."""
 
+import shlex
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -33,3 +34,18 @@ def chromium(program: str | Path | None = CHROMIUM) -> Iterator[Browser]:
         started = playwright.chromium.launch(executable_path=program, args=ARGUMENTS)
         yield started
         started.close()
+
+
+@contextmanager
+def chromium_by(command: Sequence[str], folder: Path) -> Iterator[Browser]:
+    """Start a browser by another command, such as one that runs it on another host. At the end, end it.
+
+    Args:
+        command: the beginning of the command.
+        folder: where a script that starts it is written.
+    """
+    starter = folder / "chromium"
+    starter.write_text(f'#!/bin/sh\nexec {shlex.join(command)} {CHROMIUM} "$@"\n')
+    starter.chmod(0o755)
+    with chromium(starter) as started:
+        yield started

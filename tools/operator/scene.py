@@ -26,7 +26,9 @@ POLL_S = 0.002
 NO_OTHERS: Mapping[str, object] = MappingProxyType({})
 
 
-def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) -> dict[str, object]:
+def profile(
+    arena: Path, others: Mapping[str, object], linear_m_per_s: float, parents: Sequence[str] = ()
+) -> dict[str, object]:
     """Return the profile of a robot with mapping, an operator station, and a witness of its base."""
     settings = {"arena": str(arena)}
     station = {
@@ -36,6 +38,7 @@ def profile(arena: Path, others: Mapping[str, object], linear_m_per_s: float) ->
         "max_linear_m_per_s": linear_m_per_s,
     }
     return {
+        "parents": [*parents],
         "modules": {
             "mapping": {"class": "robbie_robots.modules.maps.mapping:Mapping", "restart": OFTEN},
             "base": {
@@ -67,6 +70,7 @@ class Scene:
         others: more modules of the robot.
         linear_m_per_s: maximum speed.
         on_host: the beginning of a command that runs it on another host of a test network.
+        parents: of its profile, which gives it the rest.
     """
 
     def __init__(
@@ -76,6 +80,7 @@ class Scene:
         others: Mapping[str, object] = NO_OTHERS,
         linear_m_per_s: float = 0.4,
         on_host: Sequence[str] = (),
+        parents: Sequence[str] = (),
     ):
         workspace = folder / "workspace"
         workspace.mkdir(parents=True)
@@ -85,7 +90,7 @@ class Scene:
         if arena is None:
             arena = workspace / "arena.yaml"
             arena.write_text(f"cell_m: 1.0\ndrawing: |\n  {wall}\n  #R{floor}#\n  {wall}\n")
-        write_profile(workspace, profile(arena, others, linear_m_per_s), "trial")
+        write_profile(workspace, profile(arena, others, linear_m_per_s, parents), "trial")
         self.robot = Robot(folder / "run", workspace, "trial", on_host=on_host)
         self.journal = WitnessReader(self.robot.output / "witness.txt")
         self._bases = [folder / "run" / "runtime" / "robbie"]

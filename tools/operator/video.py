@@ -9,7 +9,6 @@ its error is the difference to the true one, by the time code in the picture tha
 
 import argparse
 import json
-import shlex
 import sys
 import tempfile
 import time
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 from playwright.sync_api import Browser, Page
 
-from tools.operator.chromium import CHROMIUM, chromium
+from tools.operator.chromium import chromium_by
 from tools.operator.moving_camera import CODE_BITS, CODE_HEIGHT
 from tools.operator.scene import TOKEN, Scene
 from tools.robot import stopping
@@ -118,6 +117,11 @@ def until_ready(page: Page, load: Any) -> float:
     return time.monotonic() - begin_s
 
 
+def conditions(mbit: float, round_trip_ms: float) -> NetworkConditions:
+    """Return a network of a limited rate, in Mbit/s."""
+    return NetworkConditions(bandwidth_bit_per_s=mbit * 1e6, queue_s=QUEUE_S, delay_s=round_trip_ms / 2e3)
+
+
 @contextmanager
 def stage(folder: Path) -> Iterator[tuple[Network, Scene, Browser]]:
     """Start a robot on one host, and a browser on the other one."""
@@ -126,11 +130,8 @@ def stage(folder: Path) -> Iterator[tuple[Network, Scene, Browser]]:
         scene = Scene(folder / "page", None, CAMERA, on_host=network.host("robot").command())
         stack.enter_context(stopping(scene.robot))
         scene.begin()
-        starter = folder / "chromium"
-        on_laptop = shlex.join(network.host("laptop").command())
-        starter.write_text(f'#!/bin/sh\nexec {on_laptop} {CHROMIUM} "$@"\n')
-        starter.chmod(0o755)
-        yield network, scene, stack.enter_context(chromium(starter))
+        browser = stack.enter_context(chromium_by(network.host("laptop").command(), folder))
+        yield network, scene, browser
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -144,8 +145,7 @@ def main(arguments: Sequence[str]) -> None:
     found = {}
     with tempfile.TemporaryDirectory() as folder, stage(Path(folder)) as (network, scene, browser):
         for mbit in chosen.mbit:
-            delay_s = chosen.round_trip_ms / 2e3
-            network.set(NetworkConditions(bandwidth_bit_per_s=mbit * 1e6, queue_s=QUEUE_S, delay_s=delay_s))
+            network.set(conditions(mbit, chosen.round_trip_ms))
             found[mbit] = measure(scene, browser, network.host("robot"), chosen.seconds)
             rounded = {name: round(value, 2) for name, value in found[mbit].items()}
             print(f"{mbit} Mbit/s:", rounded, flush=True)

@@ -1,7 +1,6 @@
 """The ways to drive a robot: one entry each."""
 
 import os
-import shlex
 import signal
 import subprocess
 import sys
@@ -19,7 +18,7 @@ from playwright.sync_api import Page
 
 from robbie_mp.connect.ros1 import ros_node
 from tools.operator import scene as page_scene
-from tools.operator.chromium import CHROMIUM, chromium
+from tools.operator.chromium import chromium_by
 from tools.robot import COMMAND, REPOSITORY, Robot
 from tools.ros1.ros import ROSCORE, SYSTEM_PYTHON
 from tools.standstill.scene import TrialRobot
@@ -273,11 +272,8 @@ def by_page(folder: Path) -> Iterator[TrialRobot]:
         stack.callback(_stop, page.robot)
         page.begin()
         scene = scene_of(stack, page.robot, network)
-        starter = folder / "chromium"
         command = [*network.host("laptop").command(), *OWN_CLOCK]
-        starter.write_text(f'#!/bin/sh\nexec {shlex.join(command)} {CHROMIUM} "$@"\n')
-        starter.chmod(0o755)
-        browser = stack.enter_context(chromium(starter))
+        browser = stack.enter_context(chromium_by(command, folder))
         scene.page = stack.enter_context(page.page(browser, network.host("robot").address))
         scene.others["browser"] = lambda: [
             one.pid for one in psutil.Process().children(recursive=True) if "chrom" in one.name()
