@@ -82,16 +82,20 @@ class RunObserver:
             messages_flow=self._board.may_go,
         )
 
-    def modules(self) -> list[ModuleFigures]:
+    def modules(self, *, only_counts: bool = False) -> list[ModuleFigures]:
         """Return the figures of all processes in start order: the supervisor is first, the core last.
 
         Attached tools are right before the core.
+
+        Args:
+            only_counts: whether to leave out what takes most of the time: what processes use of the machine,
+                histograms, and subscriptions for which nobody publishes.
         """
         subscriptions = self._subscriptions()
         messages, sizes = self._outstanding()
-        alone = self.unconnected()
+        alone = {} if only_counts else self.unconnected()
         return [
-            self._module(slot, subscriptions.get(slot, ()), messages[slot], sizes[slot], alone)
+            self._module(slot, subscriptions.get(slot, ()), messages[slot], sizes[slot], alone, only_counts)
             for slot in range(self._board.slots)
             if not self._board.is_left_by_tool(slot)
         ]
@@ -234,6 +238,7 @@ class RunObserver:
         outstanding: int,
         outstanding_bytes: int,
         alone: dict[str, tuple[Unconnected, ...]],
+        only_counts: bool,
     ) -> ModuleFigures:
         row, bounds = self._board.read(slot), self._board.bounds(slot)
         is_core = slot == self._board.slots - 1
@@ -243,7 +248,7 @@ class RunObserver:
         at = self._tables.publisher(slot)
         queue = [self._words[at + column] for column in range(layout.PUBLISHER_WORDS)]
         core_refused = queue[layout.PUBLISHER_REFUSED]
-        usage = read_usage(row.pid) if row.pid else ProcessUsage()
+        usage = read_usage(row.pid) if row.pid and not only_counts else ProcessUsage()
         activity = own[layout.OUT_ACTIVITY]
         hot_path = self._words[layout.CORE_HOT_PATH] if is_core else last[layout.OUT_HOT_PATH]
         outbound_waiting, outbound_records = memory.outbound(own[layout.OUT_HEAD])
@@ -295,7 +300,7 @@ class RunObserver:
             handler=memory.handler(activity >> 8) if activity & 0xFF == Activity.HANDLER else "",
             busy_since_ns=own[layout.OUT_ACTIVITY_SINCE_NS] if activity else 0,
             hot_path=_HOT_PATHS.get(hot_path, ""),
-            work=_work(memory) if row.pid else None,
+            work=_work(memory) if row.pid and not only_counts else None,
             subscriptions=tuple(_with_punctuality(one, memory) for one in subscriptions),
             publishes=tuple(memory.publishes),
             unconnected=alone.get(row.name, ()),

@@ -74,7 +74,7 @@ class RunQueueTime:
             pid: the process.
             proc: where proc(5) is mounted.
         """
-        self._tasks = proc / str(pid) / "task"
+        self._tasks = f"{proc}/{pid}/task"
         self._threads: dict[str, _Thread] = {}
         self._looked_s = float("-inf")
         self._waited_s = 0.0
@@ -98,7 +98,7 @@ class RunQueueTime:
         self._looked_s = now_s
         self._waited_s = 0.0
         for name in _names(self._tasks):
-            if (figures := _figures(self._tasks / name)) is None:
+            if (figures := _figures(f"{self._tasks}/{name}")) is None:
                 continue
             state, ran_ns, waited_ns = figures
             thread = self._threads.get(name)
@@ -111,18 +111,20 @@ class RunQueueTime:
             self._waited_s = max(self._waited_s, counted_s)
 
 
-def _names(folder: Path) -> list[str]:
+def _names(folder: str) -> list[str]:
     try:
         return os.listdir(folder)
     except OSError:
         return []  # it has ended
 
 
-def _figures(folder: Path) -> tuple[str, int, int] | None:
+def _figures(folder: str) -> tuple[str, int, int] | None:
     """Return a thread's state, processor time and run-queue time (ns); None if it has ended."""
     try:
-        stat = (folder / "stat").read_bytes()
-        schedstat = (folder / "schedstat").read_bytes()
+        with open(f"{folder}/stat", "rb") as file:
+            stat = file.read()
+        with open(f"{folder}/schedstat", "rb") as file:
+            schedstat = file.read()
     except OSError:
         return None  # it has ended, or the kernel does not count
     ran_ns, waited_ns, _ = map(int, schedstat.split())

@@ -3,21 +3,20 @@
 import os
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 CHECK_PERIOD_S = 0.5
 
 Owner = tuple[str, int]
 """Name and incarnation of the process that alone needs a file."""
-Files = Mapping[Path, Owner | None]
-"""Files with their owners; None: every process needs it."""
+Files = Mapping[str, Owner | None]
+"""Paths of files with their owners; None: every process needs it."""
 
 
 class Damage(NamedTuple):
     """What has happened to a file."""
 
-    path: Path
+    path: str
     what: str
     owner: Owner | None
     """The only process that has to end; None: no process can start any more."""
@@ -44,7 +43,7 @@ class FilesWatch:
         self._files = files
         self._passing = passing
         self._clock = clock
-        self._largest: dict[Path, int] = {}
+        self._largest: dict[str, int] = {}
         """How large each file has ever been, in bytes."""
         self._next_s = clock()
         self.look()
@@ -71,7 +70,7 @@ class FilesWatch:
         return sorted(removed + truncated, key=lambda damage: damage.owner is not None)
 
 
-def _size(path: Path) -> int | None:
+def _size(path: str) -> int | None:
     try:
         return os.lstat(path).st_size
     except OSError:

@@ -162,7 +162,7 @@ class HealthWatch:
         if (now_s := self._clock()) < self._next_s:
             return
         self._next_s, self._looked_s = now_s + LOOK_S, now_s
-        for figures in self._observer.modules():
+        for figures in self._observer.modules(only_counts=True):
             if watched := self._watched.get(figures.name):
                 state = self._states[figures.name] = state_name(figures.state)
                 watched.look(now_s, figures) if state == ChildState.RUNNING else watched.forget()

@@ -5,7 +5,6 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.board import TOOL_PREFIX, Board, SlotBounds, SlotState, Totals
@@ -328,12 +327,12 @@ class RunMemory:
     def files(self) -> Files:
         """Return the files that the supervisor has made and not removed, without those of dead modules."""
         run = (names.board, names.clock, names.core, names.core_wakeup)
-        found: dict[Path, Owner | None] = {SHARED_MEMORY / name(self._run_id): None for name in run}
+        found: dict[str, Owner | None] = {f"{SHARED_MEMORY}/{name(self._run_id)}": None for name in run}
         for slot, (incarnation, _) in self._incarnations.items():
             if slot not in self._dying:
+                owner = self._owner(slot, incarnation)
                 for name in (names.outbound, names.inbound, names.wakeup):
-                    path = SHARED_MEMORY / name(self._run_id, slot, incarnation)
-                    found[path] = self._owner(slot, incarnation)
+                    found[f"{SHARED_MEMORY}/{name(self._run_id, slot, incarnation)}"] = owner
         return found
 
     def data_files(self) -> Files:
@@ -349,7 +348,7 @@ class RunMemory:
             for file in os.listdir(SHARED_MEMORY / folder):
                 prefix = f"{folder}/{file[: file.rfind('-') + 1]}"
                 if prefix in owners:
-                    found[SHARED_MEMORY / folder / file] = owners[prefix]
+                    found[f"{SHARED_MEMORY}/{folder}/{file}"] = owners[prefix]
         return found
 
     def _owner(self, slot: int, incarnation: int) -> Owner | None:

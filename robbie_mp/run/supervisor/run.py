@@ -237,7 +237,8 @@ def _run(
             memory.show_health,
             [module.name for module in plan.modules],
         )
-        files = FilesWatch(lambda: {run_folder / PLAN_FILE: None, **memory.files()}, memory.data_files)
+        plan_file = str(run_folder / PLAN_FILE)
+        files = FilesWatch(lambda: {plan_file: None, **memory.files()}, memory.data_files)
         tools = AttachedTools(tree, memory, plan.tool_names)
         debugging = Debugging(tree)
         control = ControlServer(run_folder, tree, tools=tools, debugging=debugging)

@@ -4,7 +4,9 @@ import os
 from array import array
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -103,6 +105,22 @@ def test_module_that_has_ended_keeps_its_status_and_counts_once(camera: Segment)
     figures = observer.modules()[1]
     observer.close()
     assert (figures.status, figures.published, figures.activity) == ("42 images", 42, "idle")
+
+
+def test_counts_alone_are_those_of_all_figures(camera: Segment) -> None:
+    camera.words[layout.OUT_PUBLISHED] = 42
+    with closing(RunObserver(RUN)) as observer:
+        figures, counts = observer.modules()[1], observer.modules(only_counts=True)[1]
+    assert figures.rss_bytes > 0 and figures.work is not None
+    unread: dict[str, Any] = {
+        "cpu_s": 0.0,
+        "rss_bytes": 0,
+        "shared_bytes": 0,
+        "threads": 0,
+        "wakeups": 0,
+        "work": None,
+    }
+    assert counts == replace(figures, **unread)
 
 
 def test_module_whose_segment_is_none_any_more_is_still_listed(camera: Segment) -> None:

@@ -18,8 +18,8 @@ class Watched:
         self.core, self.data = folder / "core", folder / "data"
         for path in (self.core, self.data):
             path.write_bytes(bytes(100))
-        self.passing: Files = {self.data: OWNER}
-        self.watch = FilesWatch(lambda: {self.core: None}, lambda: self.passing, lambda: self.now_s)
+        self.passing: Files = {str(self.data): OWNER}
+        self.watch = FilesWatch(lambda: {str(self.core): None}, lambda: self.passing, lambda: self.now_s)
 
     def look(self) -> list[Damage]:
         self.now_s += CHECK_PERIOD_S
@@ -34,7 +34,7 @@ def watched(tmp_path: Path) -> Watched:
 def test_truncated_files_are_damage_of_their_owners(watched: Watched) -> None:
     watched.core.write_bytes(bytes(99))
     watched.data.write_bytes(b"")
-    expected = {Damage(watched.core, "truncated", None), Damage(watched.data, "truncated", OWNER)}
+    expected = {Damage(str(watched.core), "truncated", None), Damage(str(watched.data), "truncated", OWNER)}
     assert set(watched.look()) == expected
     assert watched.watch.look() == []  # it is not yet time
     assert set(watched.look()) == expected
@@ -45,8 +45,8 @@ def test_needed_file_that_was_truncated_before_the_first_look_is_damage(tmp_path
     path = tmp_path / "in-4-2"
     path.write_bytes(b"")
     now_s = count(0.0, CHECK_PERIOD_S)
-    watch = FilesWatch(lambda: {path: OWNER}, dict, now_s.__next__)
-    assert watch.look() == [Damage(path, "truncated", OWNER)]
+    watch = FilesWatch(lambda: {str(path): OWNER}, dict, now_s.__next__)
+    assert watch.look() == [Damage(str(path), "truncated", OWNER)]
 
 
 def test_grown_or_removed_data_is_no_damage(watched: Watched) -> None:
@@ -57,10 +57,10 @@ def test_grown_or_removed_data_is_no_damage(watched: Watched) -> None:
     watched.passing = {}
     assert watched.look() == []
     watched.data.write_bytes(bytes(10))  # of that name, a new one
-    watched.passing = {watched.data: OWNER}
+    watched.passing = {str(watched.data): OWNER}
     assert watched.look() == []
 
 
 def test_file_that_everybody_needs_is_missed(watched: Watched) -> None:
     watched.core.unlink()
-    assert watched.look() == [Damage(watched.core, "removed", None)]
+    assert watched.look() == [Damage(str(watched.core), "removed", None)]

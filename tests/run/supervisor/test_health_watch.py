@@ -27,7 +27,7 @@ class Watch:
         )
         self.watch.turn()
 
-    def _modules(self) -> list[ModuleFigures]:
+    def _modules(self, *, only_counts: bool) -> list[ModuleFigures]:
         return [replace(self.figures, health="; ".join(filter(None, (self.figures.health, self.shown))))]
 
     def _show(self, _name: str, line: str) -> None:
