@@ -1,8 +1,10 @@
-"""Two linked robots, which exchange numbered messages of all classes."""
+"""Two sides of a link, robots or programs with another engine, which exchange messages of all classes."""
 
+import json
 import subprocess
 import sys
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,8 @@ from typing import Any
 from robbie_mp.messages import LinkState
 from tools.journal import read_journal
 from tools.link.modules import PAUSE_FILE, STATE_FILE
-from tools.robot import COMMAND, OFTEN, REPOSITORY, Robot, write_profile
+from tools.robot import COMMAND, LIMIT_S, OFTEN, POLL_S, REPOSITORY, Robot, RobotTrouble, write_profile
+from tools.test_network.network import Host
 
 MODULES = "tools.link.modules:"
 LINK = "robbie_mp.connect.link.module:Link"
@@ -35,7 +38,37 @@ class Received:
         return self.at_s - self.sent_s
 
 
-class LinkedRobot:
+class LinkSide(ABC):
+    """One side of a link, which writes down what it sends and receives."""
+
+    @property
+    @abstractmethod
+    def folders(self) -> Sequence[Path]:
+        """Where its journals are, of all its lives."""
+
+    @abstractmethod
+    def wait_until_heard(self, topics: Sequence[str]) -> None:
+        """Wait until new messages of these topics arrive."""
+
+    def received(self, topic: str) -> list[Received]:
+        """Return the messages of a topic that it received, in this order, in all its lives."""
+        return [Received(line[2:]) for line in self._lines("listener") if line[1] == topic]
+
+    def sent(self, topic: str) -> dict[int, float]:
+        """Return the times (s) at which it sent the messages of a topic, by number."""
+        return {int(line[2]): int(line[3]) * 1e-9 for line in self._lines("speaker") if line[1] == topic}
+
+    def hears(self, topics: Sequence[str], since_s: float) -> bool:
+        """Return whether messages of all these topics have arrived that were sent later."""
+        newest = (self.received(topic)[-1:] for topic in topics)
+        return all(found and found[0].sent_s > since_s for found in newest)
+
+    def _lines(self, module: str) -> Iterator[list[str]]:
+        for folder in self.folders:
+            yield from read_journal(folder / f"{module}.journal")
+
+
+class LinkedRobot(LinkSide):
     """A robot with a link, which speaks and listens. It may be killed and started again.
 
     Args:
@@ -71,6 +104,11 @@ class LinkedRobot:
         write_profile(folder, {"modules": modules}, name)
 
     @property
+    def folders(self) -> Sequence[Path]:
+        """Where its journals are, of all its lives."""
+        return [life.output for life in self.lives]
+
+    @property
     def run(self) -> Robot:
         """Its present run."""
         return self.lives[-1]
@@ -95,14 +133,6 @@ class LinkedRobot:
         """Have it send nothing more."""
         (self.run.output / PAUSE_FILE).touch()
 
-    def received(self, topic: str) -> list[Received]:
-        """Return the messages of a topic that it received, in this order, in all its lives."""
-        return [Received(line[2:]) for line in self._lines("listener") if line[1] == topic]
-
-    def sent(self, topic: str) -> dict[int, float]:
-        """Return the times (s) at which it sent the messages of a topic, by number."""
-        return {int(line[2]): int(line[3]) * 1e-9 for line in self._lines("speaker") if line[1] == topic}
-
     def state(self) -> LinkState | None:
         """Return the last state of its link in its present life; None if there is none yet."""
         file = self.run.output / STATE_FILE
@@ -111,16 +141,59 @@ class LinkedRobot:
     def wait_until_heard(self, topics: Sequence[str]) -> None:
         """Wait until new messages of these topics arrive."""
         since_s = time.monotonic()
+        self.run.wait_for(lambda: self.hears(topics, since_s), "nothing comes over the link", 120.0)
 
-        def has_come() -> bool:
-            newest = (self.received(topic)[-1:] for topic in topics)
-            return all(found and found[0].sent_s > since_s for found in newest)
 
-        self.run.wait_for(has_come, "nothing comes over the link", 120.0)
+class EngineSide(LinkSide):
+    """A process that exchanges the same messages over another engine, without a robot around it.
 
-    def _lines(self, module: str) -> Iterator[list[str]]:
-        for life in self.lives:
-            yield from read_journal(life.output / f"{module}.journal")
+    Args:
+        folder: for its journals and its output.
+        engine: a module of `tools.link.engines`.
+        own: its host.
+        other: the host of the other side.
+        sends: for each topic that it sends, the time between two messages.
+    """
+
+    def __init__(self, folder: Path, engine: str, own: Host, other: Host, sends: Mapping[str, float]):
+        self._folder = folder / own.name
+        self._folder.mkdir()
+        with (self._folder / "output").open("w") as output:
+            self._process = own.popen(
+                *(sys.executable, "-m", "tools.link.engines.side", engine, str(self._folder)),
+                *(own.address, other.address, json.dumps(dict(sends))),
+                cwd=REPOSITORY,
+                stdout=output,
+                stderr=output,
+            )
+
+    @property
+    def folders(self) -> Sequence[Path]:
+        """Where its journals are."""
+        return [self._folder]
+
+    def check(self) -> None:
+        """Check that it runs.
+
+        Raises:
+            RobotTrouble: it has ended.
+        """
+        if self._process.poll() is not None:
+            raise RobotTrouble(f"it has ended: {(self._folder / 'output').read_text()[-2000:]}")
+
+    def wait_until_heard(self, topics: Sequence[str]) -> None:
+        """Wait until new messages of these topics arrive."""
+        since_s = time.monotonic()
+        while not self.hears(topics, since_s):
+            self.check()
+            if time.monotonic() - since_s > LIMIT_S:
+                raise RobotTrouble(f"nothing comes: {(self._folder / 'output').read_text()[-2000:]}")
+            time.sleep(POLL_S)
+
+    def close(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.wait()
 
 
 def start_router(address: str) -> "subprocess.Popen[bytes]":

@@ -1,12 +1,15 @@
 """Measures what a link keeps of its promises over a bad network. Needs root.
 
     python -m tools.link.trial --seconds 20 --json FILE
+    python -m tools.link.trial --seconds 6 --engines robbie,link_alone,plain_zenoh,tcp,quic,dds
 
 Two robots run on two hosts of a test network. All the time, bulk messages fill the link, and the laptop sends
-commands to the robot. The exit code is 1 if a promise was broken.
+commands to the robot. With --engines, modules of `tools.link.engines` exchange the same messages, one after
+the other on each network. The exit code is 1 if the link has broken a promise.
 """
 
 import argparse
+import itertools
 import json
 import math
 import sys
@@ -22,10 +25,11 @@ import numpy as np
 
 from tools.bench.machine import describe_machine
 from tools.bench.table import render
-from tools.link.pair import LinkedRobot, Received
+from tools.link.pair import EngineSide, LinkedRobot, LinkSide, Received
 from tools.robot import RobotTrouble
 from tools.test_network.network import PERFECT, Network, NetworkConditions, NoTestNetwork
 
+OURS = "robbie"
 PORT = 7447
 PERIODS_S = {"urgent": 0.5, "state": 0.1, "reliable": 0.02, "bulk": 0.06}
 """With the size of the bulk messages, about 27 Mbit/s: more than any condition carries."""
@@ -88,6 +92,7 @@ class LinkFigures:
 
     Attributes:
         failures: promises that were not kept.
+        engine: `OURS`, or a module of `tools.link.engines`.
     """
 
     title: str
@@ -101,15 +106,17 @@ class LinkFigures:
     reliable_missing: int = 0
     bulk_mbit_per_s: float = 0.0
     failures: list[str] = field(default_factory=list)
+    engine: str = OURS
 
 
 @dataclass(frozen=True)
 class Pair:
     """The robot and the laptop, and the network between them."""
 
-    robot: LinkedRobot
-    laptop: LinkedRobot
+    robot: LinkSide
+    laptop: LinkSide
     network: Network
+    engine: str = OURS
 
 
 @contextmanager
@@ -141,6 +148,27 @@ def linked_pair(folder: Path, network: Network) -> Iterator[Pair]:
             if not one.run.is_up:
                 raise RobotTrouble(f"a run has ended by itself: {one.run.said()[-2000:]}")
             one.run.stop()
+
+
+@contextmanager
+def engine_pair(folder: Path, network: Network, engine: str) -> Iterator[Pair]:
+    """Start both sides of another engine, and wait until they hear each other.
+
+    Raises:
+        RobotTrouble: they do not start, or do not hear each other, or one has ended by itself.
+    """
+    here, there = network.host("robot"), network.host("laptop")
+    with ExitStack() as started:
+        sides = []
+        for own, other, sends in ((here, there, PERIODS_S), (there, here, {COMMAND: COMMAND_PERIOD_S})):
+            sides.append(EngineSide(folder, engine, own, other, sends))
+            started.callback(sides[-1].close)
+        robot, laptop = sides
+        robot.wait_until_heard([COMMAND])
+        laptop.wait_until_heard(list(PERIODS_S))
+        yield Pair(robot, laptop, network, engine)
+        for side in sides:
+            side.check()
 
 
 def run_trial(pair: Pair, trial: LinkTrial, duration_s: float) -> LinkFigures:
@@ -183,7 +211,7 @@ def _evaluate(pair: Pair, trial: LinkTrial, began_s: float, ended_s: float) -> L
     def sent_within(found: Sequence[Received]) -> list[Received]:
         return [one for one in found if began_s <= one.sent_s < ended_s]
 
-    figures = LinkFigures(trial.title)
+    figures = LinkFigures(trial.title, engine=pair.engine)
     everything = {topic: pair.laptop.received(topic) for topic in PERIODS_S}
     everything[COMMAND] = pair.robot.received(COMMAND)
     for topic, found in everything.items():
@@ -233,7 +261,7 @@ def _judge(figures: LinkFigures, trial: LinkTrial) -> None:
 
 
 HEADINGS = (
-    "network", "commands: received", "p50, p99, max ms", "urgent: max ms", "state: greatest age ms",
+    "network", "engine", "commands: received", "p50, p99, max ms", "urgent: max ms", "state: greatest age ms",
     "reliable: p99 ms, missing", "bulk Mbit/s", "broken",
 )  # fmt: skip
 
@@ -242,6 +270,7 @@ def row(one: LinkFigures) -> list[str]:
     """Return a row of the table."""
     return [
         one.title,
+        one.engine,
         f"{one.commands_received:.1%}",
         f"{one.command_p50:.0f}, {one.command_p99:.0f}, {one.command_max:.0f}",
         f"{one.urgent_max:.0f}",
@@ -250,6 +279,16 @@ def row(one: LinkFigures) -> list[str]:
         f"{one.bulk_mbit_per_s:.1f}",
         "; ".join(one.failures) or "-",
     ]
+
+
+def _measure(folder: Path, network: Network, trial: LinkTrial, engine: str, duration_s: float) -> LinkFigures:
+    """Measure one engine on one network. Each pair is new, so that no row depends on the one before."""
+    started = linked_pair(folder, network) if engine == OURS else engine_pair(folder, network, engine)
+    try:
+        with started as pair:
+            return run_trial(pair, trial, duration_s)
+    except RobotTrouble as error:
+        return LinkFigures(trial.title, engine=engine, failures=[str(error)])
 
 
 def main() -> int:
@@ -263,17 +302,18 @@ def main() -> int:
     parser.add_argument(
         "--only", metavar="WORD", default="", help="only conditions whose title has this word"
     )
+    parser.add_argument(
+        "--engines", metavar="NAMES", default=OURS, help=f"{OURS} and others, with commas between ({OURS})"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args()
+    trials = [one for one in TRIALS if options.only in one.title]
     found = []
     try:
-        with (
-            Network("robot", "laptop") as network,
-            tempfile.TemporaryDirectory(prefix="robbie-link-") as folder,
-            linked_pair(Path(folder), network) as pair,
-        ):
-            for trial in (one for one in TRIALS if options.only in one.title):
-                found.append(run_trial(pair, trial, options.seconds))
+        with Network("robot", "laptop") as network:
+            for trial, engine in itertools.product(trials, options.engines.split(",")):
+                with tempfile.TemporaryDirectory(prefix="robbie-link-") as folder:
+                    found.append(_measure(Path(folder), network, trial, engine, options.seconds))
                 print(found[-1], flush=True)
     except NoTestNetwork as error:
         print(f"not measured: {error}", file=sys.stderr)
@@ -282,7 +322,7 @@ def main() -> int:
     if options.json:
         report = {"machine": describe_machine(), "conditions": [asdict(one) for one in found]}
         options.json.write_text(json.dumps(report, indent=2))
-    return int(any(one.failures for one in found))
+    return int(any(one.failures for one in found if one.engine == OURS))
 
 
 if __name__ == "__main__":

@@ -29,6 +29,14 @@ PACE = 1.25
 """Maximum rate of sending, as a multiple of the measured bandwidth."""
 MEASURED_NS = 500_000_000
 """The bandwidth is the greatest one measured in this time, or in 10 round trips if they take longer."""
+GROWTH = 1.25
+"""If the measured bandwidth has grown by this factor, the window probably limits it, not the network."""
+GROWTH_GAIN = 1.6
+"""Then more is sent than was measured, by this factor,"""
+GROWTH_TRIPS = 3
+"""until it has not grown for this many round trips, as BBR begins,"""
+VARIES_NS = 40_000_000
+"""if round trips are longer than the shortest by more than this on average. Else it grows quickly anyway."""
 MAX_PAUSE_NS = 50_000_000
 MIN_PARTS = 4
 """Packets that may be under way however slow the link seems."""
@@ -82,6 +90,10 @@ class SendWindow:
         self._greatest = [0.0, 0.0]
         """Greatest bandwidth measured in the last period, and in the present one."""
         self._period_end_ns = 0
+        self._grown_to = 0.0
+        """The bandwidth when it had last grown, or when it was lowered."""
+        self._grown_at_ns = 0
+        self._gain = 1.0
         self._next_ns = 0
         """When the next packet may be sent, at an even pace."""
         self._excess_ns = 0.0
@@ -111,7 +123,7 @@ class SendWindow:
         if not self.bandwidth:
             return START_BYTES
         queue = min(int(self.bandwidth * QUEUE_S), MAX_QUEUE_BYTES)
-        filled = int(self.bandwidth * self._shortest_ns / 1e9) + queue
+        filled = int(self._gain * self.bandwidth * self._shortest_ns / 1e9) + queue
         return max(MIN_PARTS * self.part_bytes, min(filled, MAX_WINDOW_BYTES))
 
     @property
@@ -159,7 +171,8 @@ class SendWindow:
         self.under_way += size
         if self.bandwidth:
             earliest_ns = now_ns - round(QUEUE_S * 1e9)
-            self._next_ns = max(self._next_ns, earliest_ns) + round(size * 1e9 / (PACE * self.bandwidth))
+            rate = PACE * self._gain * self.bandwidth
+            self._next_ns = max(self._next_ns, earliest_ns) + round(size * 1e9 / rate)
             self._next_ns = min(self._next_ns, now_ns + MAX_PAUSE_NS)
         return self.delivered, ALONE if is_alone else self.under_way / self.limit
 
@@ -196,6 +209,15 @@ class SendWindow:
         has_queued = trip_ns > self._shortest_ns + QUEUE_S * 1e9
         if rate > self.bandwidth or load >= 1.0 or has_queued:
             self._take_rate(rate, now_ns)
+        self._see_growth(now_ns)
+
+    def _see_growth(self, now_ns: int) -> None:
+        """Send faster while the bandwidth grows: over a long way that varies, it would grow slowly."""
+        if self.bandwidth >= GROWTH * self._grown_to:
+            self._grown_to, self._grown_at_ns = self.bandwidth, now_ns
+        self._grown_to = min(self._grown_to, self.bandwidth)
+        is_growing = now_ns - self._grown_at_ns < GROWTH_TRIPS * self.round_trip_ns
+        self._gain = GROWTH_GAIN if is_growing and self._excess_ns > VARIES_NS else 1.0
 
     def measure_lost(self, sent_ns: int, delivered_before: int, load: float, now_ns: int) -> None:
         """Measure by a packet that is known to be lost, because a later one has arrived.
@@ -210,7 +232,8 @@ class SendWindow:
         """Forget what was measured before: it is no longer true."""
         if 0.0 < rate < self.bandwidth:
             self._greatest = [0.0, rate]
-            self.bandwidth = rate
+            self.bandwidth = self._grown_to = rate
+            self._gain = 1.0
 
     def _take_late(self, trip_ns: int, rate: float, load: float, now_ns: int) -> None:
         """Measure by a packet that was late."""

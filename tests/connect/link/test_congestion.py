@@ -6,6 +6,7 @@ import pytest
 
 from robbie_mp.connect.link.congestion import MAX_QUEUE_BYTES, USUAL_PART_BYTES, SendWindow
 from robbie_mp.connect.link.header import PART_BYTES
+from tools.test_network.delay import Delay
 
 STEP_NS = 1_000_000
 IMAGE_BYTES = 200_000
@@ -13,14 +14,20 @@ IMAGE_EVERY_NS = 60_000_000
 
 
 class SlowNetwork:
-    """Carries packets one after the other at a rate that can change, and acknowledges each."""
+    """Carries packets one after the other at a rate that can change, and acknowledges each.
 
-    def __init__(self, round_trip_ns: int):
+    Args:
+        round_trip_ns: of a small packet.
+        more: what it takes longer, as it varies over time.
+    """
+
+    def __init__(self, round_trip_ns: int, more: Delay | None = None):
         self.window = SendWindow()
         self.window.watch(self)
         self.now_ns = 10**9
         self.trip_ns = 0
         self._round_trip_ns = round_trip_ns
+        self._more = more
         self._free_ns = 0
         self._under_way: deque[tuple[int, int, int, float, int]] = deque()
 
@@ -47,8 +54,11 @@ class SlowNetwork:
                 offered -= size
                 before, load = self.window.sent(size, self.now_ns)
                 self._free_ns = max(self._free_ns, self.now_ns) + round(size * 1e9 / bytes_per_s)
-                arrives_ns = self._free_ns + self._round_trip_ns
+                arrives_ns = self._free_ns + self._round_trip_ns + self._more_ns()
                 self._under_way.append((arrives_ns, self.now_ns, before, load, size))
+
+    def _more_ns(self) -> int:
+        return round(self._more.at(self._free_ns * 1e-9) * 1e9) if self._more else 0
 
     def _acknowledge(self) -> None:
         while self._under_way and self._under_way[0][0] <= self.now_ns:
@@ -81,6 +91,15 @@ def test_network_whose_delay_grows_is_used_again_within_seconds() -> None:
     network.run(4.0, 2.5e6)
     assert network.window.bandwidth > 1.5e6
     assert network.window.limit > 200_000
+
+
+def test_network_whose_delay_varies_is_used_within_seconds() -> None:
+    shares = []
+    for seed in range(5):
+        network = SlowNetwork(round_trip_ns=100_000_000, more=Delay(0.1, 0.1, reorders=False, seed=seed))
+        network.run(9.0, 2.5e6)
+        shares.append(network.window.delivered / (9.0 * 2.5e6))
+    assert sum(shares) / len(shares) > 0.4
 
 
 @pytest.mark.parametrize(("bytes_per_s", "part_bytes"), [(100e6, USUAL_PART_BYTES), (2e9, PART_BYTES)])

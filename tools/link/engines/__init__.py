@@ -1,0 +1,1 @@
+"""Other engines under the trial of links: what a link brings beside them."""
