@@ -37,15 +37,16 @@ def chromium(program: str | Path | None = CHROMIUM) -> Iterator[Browser]:
 
 
 @contextmanager
-def chromium_by(command: Sequence[str], folder: Path) -> Iterator[Browser]:
+def chromium_by(command: Sequence[str], folder: Path, *arguments: str) -> Iterator[Browser]:
     """Start a browser by another command, such as one that runs it on another host. At the end, end it.
 
     Args:
         command: the beginning of the command.
         folder: where a script that starts it is written.
+        arguments: more arguments of the browser.
     """
     starter = folder / "chromium"
-    starter.write_text(f'#!/bin/sh\nexec {shlex.join(command)} {CHROMIUM} "$@"\n')
+    starter.write_text(f'#!/bin/sh\nexec {shlex.join([*command, str(CHROMIUM), *arguments])} "$@"\n')
     starter.chmod(0o755)
     with chromium(starter) as started:
         yield started

@@ -1,5 +1,6 @@
 """A module whose camera has pictures as large as those of a real one, which show when they were taken."""
 
+import itertools
 import time
 
 import numpy as np
@@ -11,13 +12,15 @@ HEIGHT, WIDTH = 480, 640
 PANORAMA = 3 * WIDTH
 STEP_PX = 8
 SHAPES, NOISE = 240, 6.0
+NOISES = 7
+"""Number of different noises."""
 CODE_BITS = 16
 CODE_HEIGHT = WIDTH // CODE_BITS
 """The time code is a row of squares at the top: the machine's monotonic time, ms, lowest bit at the left."""
 
 
 class MovingCamera(Module):
-    """Publishes pictures of a scene that passes by: boxes of all sizes and colours, and a sensor's noise.
+    """Publishes pictures of a scene that passes by: boxes of all sizes and colours, with a sensor's noise.
 
     At the top is the time at which each was taken, in black and white, so that a test reads its true age.
     """
@@ -32,14 +35,16 @@ class MovingCamera(Module):
             width, height = chance.integers(8, 160, 2)
             x, y = chance.integers(0, PANORAMA - width), chance.integers(0, HEIGHT - height)
             scene[y : y + height, x : x + width] = chance.uniform(20, 235, 3)
-        scene += chance.normal(0.0, NOISE, scene.shape)
-        self.scene = np.clip(scene, 0, 255).astype(np.uint8)
+        self.scene = scene.astype(np.int16)
+        noise = chance.normal(0.0, NOISE, (NOISES, HEIGHT, WIDTH, 3))
+        self.noises = itertools.cycle(np.rint(noise).astype(np.int16))  # another one in each picture
         self.left_px = 0
 
     def tick(self) -> None:
         """Publish the next picture."""
         self.left_px = (self.left_px + STEP_PX) % (PANORAMA - WIDTH)
-        pixels = np.ascontiguousarray(self.scene[:, self.left_px : self.left_px + WIDTH])
+        seen = self.scene[:, self.left_px : self.left_px + WIDTH] + next(self.noises)
+        pixels = np.clip(seen, 0, 255).astype(np.uint8)
         now_ms = time.monotonic_ns() // 1_000_000
         bits = np.array([255 * (now_ms >> bit & 1) for bit in range(CODE_BITS)], np.uint8)
         pixels[:CODE_HEIGHT] = np.repeat(bits, WIDTH // CODE_BITS)[None, :, None]

@@ -67,10 +67,27 @@ def encoded_again(data: bytes, quality: int, max_pixels: int) -> bytes:
     Raises:
         NoPicture: the file is damaged, or its picture is too large.
     """
+    return _encoded(_decoded(data, max_pixels), quality, max_pixels)
+
+
+def pixels_of_file(data: bytes, max_pixels: int) -> NDArray[np.uint8]:
+    """Return a JPEG or PNG file as `(rows, columns, 3)` of red, green, blue; uint8. This needs Pillow.
+
+    Args:
+        data: the file.
+        max_pixels: a JPEG may be decoded in a smaller size, but not below this length of its longer side.
+
+    Raises:
+        NoPicture: the file is damaged, or its picture is too large.
+    """
+    return np.asarray(_decoded(data, max_pixels))
+
+
+def _decoded(data: bytes, max_pixels: int) -> "PillowImage.Image":
     try:
         with opened(data, ("JPEG", "PNG")) as picture:
             picture.draft("RGB", (max_pixels, max_pixels))  # decodes a JPEG in a smaller size
-            return _encoded(picture.convert("RGB"), quality, max_pixels)
+            return picture.convert("RGB")
     except NoPicture:
         raise
     except (OSError, SyntaxError, ValueError) as error:

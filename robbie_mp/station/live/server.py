@@ -7,6 +7,7 @@ from typing import Protocol
 
 from starlette.types import Receive, Scope, Send
 
+from robbie_mp.station.live.h264 import VideoStreams
 from robbie_mp.station.live.parts import Follower, LiveParts
 from robbie_mp.station.live.video import VIDEO, VideoFollower
 from robbie_mp.station.watch.pictures import NewestPicture
@@ -29,13 +30,15 @@ class Follows(Protocol):
         """Stop sending."""
 
 
-def with_live(app: App, live: LiveParts, cameras: Callable[[], Mapping[str, NewestPicture]]) -> App:
+def with_live(
+    app: App, live: LiveParts, cameras: Callable[[], Mapping[str, NewestPicture]], streams: VideoStreams
+) -> App:
     """Return an application that serves live parts and video, and passes other requests to another one."""
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket" and scope["path"].startswith(PATH):
             groups = frozenset(scope["path"][len(PATH) :].split("+"))
-            parts, video = partial(Follower, live, groups), partial(VideoFollower, cameras)
+            parts, video = partial(Follower, live, groups), partial(VideoFollower, cameras, streams)
             await serve(video if groups == {VIDEO} else parts, receive, send)
         else:
             await app(scope, receive, send)

@@ -3,6 +3,9 @@
 The page names its visible cameras. For each picture that it has drawn, it says how much longer the picture
 took to arrive than the fastest message so far (stop/emergency_stop.js). From this the station knows how many
 seconds a byte costs. It sends the newest picture next, in a grade that the network carries in time.
+
+A page that can decode H.264 names the camera to drive by, whose pictures then are a stream (h264.py). All
+others, and those of a page whose decoder fails, are JPEG.
 """
 
 from __future__ import annotations
@@ -12,11 +15,13 @@ import json
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
+from robbie_mp.station.live.h264 import VIDEO_GRADES, VideoFailed, VideoGrade, VideoStream, VideoStreams
 from robbie_mp.station.live.parts import DRAWING_LIMIT_S, packed
-from robbie_mp.station.watch.pictures import Grade, NewestPicture
+from robbie_mp.station.watch.pictures import Grade, GradedPicture, NewestPicture
 from robbie_mp.station.web.page_json import from_page
 
 VIDEO = "video"
@@ -33,6 +38,8 @@ USED_SHARE = 0.75
 """Pictures use this share of the time at most, which leaves room for the rest of the page."""
 JAM_S = 0.4
 """A picture that took this long discards all earlier estimates."""
+FULL_SHARE = 0.5
+"""A picture of a stream with this share of the size that its grade allows is as good as full."""
 LEAST_BYTES = 1500
 """A smaller picture counts as this many bytes: the browser delays it, not the network."""
 LONGEST_WAIT_S = 1.0
@@ -45,7 +52,7 @@ ESTIMATES = 8
 """Number of pictures of which the cheapest gives the cost of a byte: the others waited for the browser."""
 
 
-GRADES = (
+GRADES: Sequence[Grade] = (
     Grade(1280, 80, 100.0),
     Grade(960, 70, 55.0),
     Grade(640, 70, 32.0),
@@ -66,16 +73,19 @@ class NetworkCost:
 
     _s_per_byte: deque[float] = field(default_factory=lambda: deque(maxlen=ESTIMATES))
 
-    def add(self, size: int, way_s: float) -> None:
+    def add(self, size: int, way_s: float, *, is_full: bool = True) -> None:
         """Add a picture.
 
         Args:
             size: in bytes.
             way_s: time that it was on its way beyond the shortest time.
+            is_full: whether it is about as large as it might be. One that is not, as of a scene that stands
+                still, says nothing about larger ones, so it does not lower the cost.
         """
         if way_s > JAM_S:
             self._s_per_byte.clear()
-        self._s_per_byte.append(max(way_s, 0.0) / max(LEAST_BYTES, size))
+        least = 0.0 if is_full else self.of(1.0) or 0.0
+        self._s_per_byte.append(max(way_s / max(LEAST_BYTES, size), least))
 
     def of(self, size: float) -> float | None:
         """Return what a picture of some size costs, s; None: nothing is known yet."""
@@ -92,23 +102,29 @@ class WantedVideo:
     sent: int = 0
     """Number of the last sent image."""
     sent_s: float = -math.inf
+    grades: Sequence[Grade | VideoGrade] = GRADES
     grade: int = FIRST
     sizes: dict[int, int] = field(default_factory=dict)
     """The last size of each grade, bytes."""
+
+    def use(self, grades: Sequence[Grade | VideoGrade]) -> None:
+        """Choose among these grades from now on."""
+        if self.grades is not grades:
+            self.grades, self.grade, self.sizes = grades, FIRST, {}
 
     def size(self, grade: int) -> float:
         """Return the size (bytes) that a grade is expected to have."""
         if grade in self.sizes:
             return self.sizes[grade]
+        typical = self.grades[grade].typical
         known = min(self.sizes, key=lambda one: abs(one - grade), default=None)
-        if known is None:
-            return 1000.0 * GRADES[grade].typical
-        return self.sizes[known] * GRADES[grade].typical / GRADES[known].typical
+        return 1000.0 * typical if known is None else self.sizes[known] * typical / self.grades[known].typical
 
     def choose(self, cost: NetworkCost, limit_s: float) -> int:
         """Choose the best grade that the network carries in time, and no finer than the screen shows."""
-        last = len(GRADES) - 1
-        fits = [index for index, one in enumerate(GRADES) if one.pixels <= 2 * self.pixels or index == last]
+        last = len(self.grades) - 1
+        most = 2 * self.pixels
+        fits = [index for index, one in enumerate(self.grades) if one.pixels <= most or index == last]
         for index in fits:
             cost_s = cost.of(self.size(index))
             if cost_s is None:
@@ -123,15 +139,17 @@ class VideoFollower:
 
     Args:
         cameras: all cameras by name, as they are now.
+        streams: makes streams for pages that can decode them.
     """
 
-    def __init__(self, cameras: Callable[[], Mapping[str, NewestPicture]]):
-        self._cameras = cameras
+    def __init__(self, cameras: Callable[[], Mapping[str, NewestPicture]], streams: VideoStreams):
+        self._cameras, self._streams = cameras, streams
+        self._stream: VideoStream | None = None
         self._wanted: dict[str, WantedVideo] = {}
         self._ends: list[Callable[[], None]] = []
         self._cost = NetworkCost()
-        self._flying: deque[int] = deque()
-        """Sizes of the pictures that the page has not yet drawn, bytes."""
+        self._flying: deque[tuple[int, bool]] = deque()
+        """Of the pictures that the page has not yet drawn: size (bytes), and whether they are full."""
         self._free_s = -math.inf
         """From when on the network has room for the next picture."""
         self._drawn_s = time.monotonic()
@@ -147,10 +165,13 @@ class VideoFollower:
             return
         if isinstance(said, dict) and isinstance(said.get("want"), dict):
             self._want(said["want"])
+            self._begin_stream(said.get("decodes"))
+            if isinstance(reason := said.get("failed"), str):
+                self._streams.page_failed(reason)
         elif isinstance(said, dict) and self._flying:
-            size, way_s = self._flying.popleft(), said.get("way_s")
+            (size, is_full), way_s = self._flying.popleft(), said.get("way_s")
             if isinstance(way_s, (int, float)):
-                self._cost.add(size, way_s)
+                self._cost.add(size, way_s, is_full=is_full)
             self._drawn_s = time.monotonic()
         self._changed.set()
 
@@ -163,6 +184,20 @@ class VideoFollower:
         for name, one in self._wanted.items():
             one.pixels = kept[name]
         self._listen()
+
+    def _begin_stream(self, wanted: object) -> None:
+        """Begin the stream that a page wants, if it is another one: `[camera, number of its decoder]`."""
+        if self._stream is not None and wanted == [self._stream.camera, self._stream.decoder]:
+            return
+        self._end_stream()
+        match wanted:
+            case [str(camera), int(decoder)] if camera in self._wanted:
+                self._stream = self._streams.open(camera, decoder)
+
+    def _end_stream(self) -> None:
+        if self._stream is not None:
+            self._streams.close(self._stream)
+            self._stream = None
 
     def _listen(self) -> None:
         for end in self._ends:
@@ -180,6 +215,7 @@ class VideoFollower:
         self._is_gone = True
         self._wanted = {}
         self._listen()
+        self._end_stream()
         self._changed.set()
 
     async def next(self) -> bytes | None:
@@ -215,17 +251,33 @@ class VideoFollower:
         return max(wait_s, self._free_s - now_s), chosen
 
     async def _packet(self, wanted: WantedVideo) -> bytes:
-        source = self._cameras()[wanted.name]
+        source, stream = self._cameras()[wanted.name], self._stream
+        if stream is not None and (stream.camera != wanted.name or not source.can_be_video):
+            stream = None
         is_large = next(iter(self._wanted.values())) is wanted
+        wanted.use(GRADES if stream is None else VIDEO_GRADES)
         wanted.grade = wanted.choose(self._cost, COST_LIMIT_S if is_large else SMALL_COST_S)
         wanted.sent = source.count
-        picture = await asyncio.to_thread(source.encoded, GRADES[wanted.grade])
+        picture = await self._encoded(source, stream, wanted.grade)
         wanted.sent_s = now_s = time.monotonic()
         size = len(picture.data)
-        wanted.sizes[wanted.grade] = size
+        is_full = stream is None or size >= FULL_SHARE * wanted.size(wanted.grade)
+        if stream is None:
+            wanted.sizes[wanted.grade] = size
         self._free_s = now_s + min(LONGEST_WAIT_S, (self._cost.of(size) or 0.0) / USED_SHARE)
         if not self._flying:
             self._drawn_s = now_s
-        self._flying.append(size)
+        self._flying.append((size, is_full))
         about = {"camera": wanted.name, "sent_s": now_s, **picture.about}
         return packed({"about": json.dumps(about).encode(), "picture": picture.data})
+
+    async def _encoded(self, source: NewestPicture, stream: VideoStream | None, grade: int) -> GradedPicture:
+        if stream is not None:
+            try:
+                encode = partial(stream.encode, grade=VIDEO_GRADES[grade])
+                return await asyncio.to_thread(source.encode, encode)
+            except VideoFailed as error:
+                self._streams.cannot_encode(error)
+                self._end_stream()
+                grade = FIRST
+        return await asyncio.to_thread(source.encoded, GRADES[grade])

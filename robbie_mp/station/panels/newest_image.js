@@ -3,16 +3,18 @@ import { video } from "robbie-live";
 // Shows the newest picture of a camera, and its age, which this browser measures: with the time at which the picture
 // was taken, and what it knows of the robot's clock (stop/emergency_stop.js).
 export default {
-  template: `<div class="newest-image" :class="{ grayscale: look === 'is-silent' }"><img ref="image" v-show="!reason" :alt="alt" draggable="false">
+  template: `<div class="newest-image" :class="{ grayscale: look === 'is-silent' }"><img ref="image" v-show="!reason && !is_frame" :alt="alt" draggable="false">
+    <canvas ref="canvas" v-show="!reason && is_frame" role="img" :aria-label="alt"></canvas>
     <span v-if="reason" class="no-picture">No picture: {{ reason }}</span>
+    <span v-if="note" class="picture-note" role="status">{{ note }}</span>
     <span v-if="age" class="picture-age" :class="look">{{ age }}</span></div>`,
   props: { camera: String, alt: String, drives: Boolean },
   data() {
-    return { age: "", look: "", reason: "" };
+    return { age: "", look: "", reason: "", note: "", is_frame: false };
   },
   mounted() {
     this.born_s = null;
-    video.add(this.$el, this.camera, (picture, about) => this.show(picture, about));
+    video.add(this.$el, this.camera, (picture, about) => this.show(picture, about), this.drives);
     this.timer = setInterval(() => this.grow(), GROW_MS);
   },
   unmounted() {
@@ -22,21 +24,33 @@ export default {
     URL.revokeObjectURL(this.$refs.image?.src ?? "");
   },
   methods: {
-    // picture: a Blob; null: there is none, for the reason in `about`.
-    async show(picture, { born_s, reason }) {
-      const { image } = this.$refs;
-      const before = image?.src;
-      if (!image) return;
-      this.reason = reason ?? "";
+    // picture: a Blob or a VideoFrame; null: there is none, for the reason in `about`.
+    async show(picture, { born_s, reason, note }) {
+      if (!this.$refs.image) return;
+      [this.reason, this.note] = [reason ?? "", note ?? ""];
       if (picture === null) return;
-      image.src = URL.createObjectURL(picture);
-      await image.decode().catch(() => null);
-      if (before) URL.revokeObjectURL(before);
-      const { naturalWidth: width, naturalHeight: height } = image;
+      const is_frame = !(picture instanceof Blob);
+      const [width, height] = is_frame ? this.paint(picture) : await this.load(picture);
+      this.is_frame = is_frame;
       if (width) (this.$el.closest(".camera-card") ?? this.$el.parentElement)?.style.setProperty("--ratio", width / height);
       this.born_s = born_s;
       if (this.drives) window.picture_to_drive_by = { element: this.$el, born_s: this.born_s };
       this.grow();
+    },
+    async load(blob) {
+      const { image } = this.$refs;
+      const before = image.src;
+      image.src = URL.createObjectURL(blob);
+      await image.decode().catch(() => null);
+      if (before) URL.revokeObjectURL(before);
+      return [image.naturalWidth, image.naturalHeight];
+    },
+    paint(frame) {
+      const { canvas } = this.$refs;
+      const { displayWidth: width, displayHeight: height } = frame;
+      if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+      canvas.getContext("2d").drawImage(frame, 0, 0);
+      return [width, height];
     },
     grow() {
       const age_s = window.robot_age_s?.(this.born_s);

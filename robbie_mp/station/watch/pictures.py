@@ -8,7 +8,7 @@ from typing import TypeVar
 from nicegui import app
 from starlette.responses import Response
 
-from robbie_mp.attached.views.image_pixels import NoPicture, encoded_again, jpeg
+from robbie_mp.attached.views.image_pixels import JPEG_ENCODINGS, NoPicture, encoded_again, jpeg
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.station.watch.births import Births
 from robbie_mp.station.watch.latest import Latest
@@ -17,6 +17,7 @@ JPEG_QUALITY = 80
 MAX_PIXELS = 1280
 """Maximum length of a picture's longer side. Larger pictures are scaled down."""
 T = TypeVar("T")
+Encode = Callable[[Image | CompressedImage], tuple[bytes, Mapping[str, object]]]
 MEDIA_TYPES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PN": "image/png"}
 
 
@@ -79,13 +80,37 @@ class NewestPicture:
     def encoded(self, grade: Grade) -> GradedPicture:
         """Return the newest image in a grade. It may take long, so call it in a thread."""
         with self._lock:
-            count, message = self._latest.count, self._latest.message
+            count = self._latest.count
             known = self._encoded.get(grade)
             if known is None or known[0] != count:
-                born_s = self._births.of(self._latest) if self._births else None
-                more = {} if message is None else self._about(message)
-                known = self._encoded[grade] = (count, graded(message, grade, {"born_s": born_s, **more}))
+                found = self.encode(lambda message: _as_file(message, grade))
+                known = self._encoded[grade] = (count, found)
             return known[1]
+
+    @property
+    def can_be_video(self) -> bool:
+        """Whether the newest image is of colours or brightness, and not of depths or the like."""
+        message = self._latest.message
+        return isinstance(message, CompressedImage) or (
+            message is not None and message.encoding in JPEG_ENCODINGS
+        )
+
+    def encode(self, encode: Encode) -> GradedPicture:
+        """Return the newest image as a function encodes it. It may take long, so call it in a thread.
+
+        Args:
+            encode: returns the data of an image, and what the page must know of them; or raises `NoPicture`.
+        """
+        message = self._latest.message
+        if message is None:
+            return GradedPicture(b"", {"reason": "there is none yet", "born_s": None})
+        born_s = self._births.of_message(message, self._latest.arrived_s) if self._births else None
+        about = {"born_s": born_s, **self._about(message)}
+        try:
+            data, more = encode(message)
+        except NoPicture as error:
+            return GradedPicture(b"", {"reason": str(error), **about})
+        return GradedPicture(data, {**more, **about})
 
     def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
         """Call a function with each new image, in the module's thread. Return what ends that."""
@@ -97,17 +122,9 @@ class NewestPicture:
         return lambda: self._latest.ignore(look)
 
 
-def graded(
-    message: Image | CompressedImage | None, grade: Grade, about: Mapping[str, object]
-) -> GradedPicture:
-    """Return an image in a grade, or the reason why there is none, with what else is known about it."""
-    try:
-        if message is None:
-            raise NoPicture("there is none yet")
-        picture = encode_image(message, grade.pixels, grade.quality)
-    except NoPicture as error:
-        return GradedPicture(b"", {"reason": str(error), **about})
-    return GradedPicture(picture.data, {"type": picture.media_type, **about})
+def _as_file(message: Image | CompressedImage, grade: Grade) -> tuple[bytes, Mapping[str, object]]:
+    picture = encode_image(message, grade.pixels, grade.quality)
+    return picture.data, {"type": picture.media_type}
 
 
 def answer_with(draw: Callable[[T], Picture], message: T) -> Response:

@@ -20,6 +20,7 @@ from robbie_mp.station.fleet.robots import OtherRobots
 from robbie_mp.station.fleet.stop_all import StopAll
 from robbie_mp.station.fleet.summary import SummaryTeller
 from robbie_mp.station.fleet.topics import has_team
+from robbie_mp.station.live.h264 import VideoStreams
 from robbie_mp.station.live.map import LiveMap
 from robbie_mp.station.live.server import with_live
 from robbie_mp.station.page import first_paint
@@ -143,6 +144,7 @@ class Website:
         self._module, self._access = module, access
         self._identity = identity_of(module)
         self._context = station = context_of(module, team_of(module, self._identity.name))
+        self._streams = VideoStreams(limited(f"{station.log.name}.video"))
         grid = station.messages.newest(OccupancyGrid, station.settings.map_topic)
         self._map = LiveMap(grid, station.live)
         panels, titles = make_panels(station)
@@ -254,7 +256,7 @@ class Website:
         open_pages = self._context.operators.pages
         PageEvents(open_pages, self._access.refusals)
         cameras = self._context.robot.cameras.pictures
-        live = with_live(with_known_packets(pages), self._context.live, cameras)
+        live = with_live(with_known_packets(pages), self._context.live, cameras, self._streams)
         return with_page_limit(self._emergency_stop.service.beside(live), self._access, open_pages)
 
     @property
@@ -266,6 +268,11 @@ class Website:
     def foreign_requests(self) -> int:
         """Number of requests that were refused because they came from pages of other sites."""
         return self._gate.foreign
+
+    @property
+    def failed_decoders(self) -> int:
+        """Number of decoders of pages that could not decode the video."""
+        return self._streams.failures
 
     def start(self) -> None:
         """Start the server.

@@ -93,12 +93,23 @@ class Video {
     this.resized = new ResizeObserver(() => this.tell());
   }
 
-  // show(blob, about): shows a picture of the camera in the element; may return a promise.
-  add(element, camera, show) {
-    this.views.set(element, { camera, show, in_sight: false });
+  // show(picture, about): shows a picture of the camera, a Blob or a VideoFrame, in the element; may return a promise.
+  // drives: whether an operator drives by it, so that it comes as a stream to browsers that can decode one.
+  add(element, camera, show, drives = false) {
+    this.views.set(element, { camera, show, drives, in_sight: false });
     this.observer.observe(element);
     this.resized.observe(element);
     this.live ??= new Live("video", document.documentElement, this.draw.bind(this), () => this.tell(true));
+    if (drives) this.load_decoder();
+  }
+
+  // Browsers have a decoder over https and on the robot's machine.
+  async load_decoder() {
+    await window.first_picture;
+    if (!window.VideoDecoder || this.decoder) return;
+    const { PictureDecoder } = await import("robbie-live/picture_decoder.js");
+    this.decoder ??= await PictureDecoder.make(() => this.tell());
+    this.tell();
   }
 
   remove(element) {
@@ -116,7 +127,8 @@ class Video {
     const want = {};
     for (const [element, { camera, in_sight }] of this.views)
       if (in_sight) want[camera] = Math.max(want[camera] ?? 1, Math.round(element.clientWidth * devicePixelRatio));
-    const text = JSON.stringify({ want });
+    const driven = [...this.views.values()].find(({ drives, in_sight }) => drives && in_sight)?.camera;
+    const text = JSON.stringify({ want, ...this.decoder?.wants(driven, is_new) });
     if (text !== this.told || is_new) this.live?.say(text);
     this.told = text;
   }
@@ -125,8 +137,12 @@ class Video {
     const about = from_json(parts.about);
     const way_s = window.robot_way_s?.(about.sent_s, came_s);
     const shown = [...this.views.values()].filter(({ camera, in_sight }) => in_sight && camera === about.camera);
-    const picture = about.reason ? null : new Blob([parts.picture], { type: about.type });
-    await Promise.all(shown.map(({ show }) => show(picture, about)));
+    const picture = about.video
+      ? await this.decoder?.decode(about.video, parts.picture)
+      : about.reason ? null : new Blob([parts.picture], { type: about.type });
+    if (!about.video) about.note = this.decoder?.note(about.camera);
+    if (picture || about.reason) await Promise.all(shown.map(({ show }) => show(picture, about)));
+    picture?.close?.();
     return JSON.stringify({ way_s });
   }
 }
