@@ -17,6 +17,7 @@ from tests._support.robot import Robot, robot_in, wait_until
 from tests.station._support.browser import LAPTOP, browser, choose_layout, needs_chromium, page_of
 from tests.station.test_driving import ARENA, Journal
 from tests.station.test_page import address_of
+from tools.operator.video import SHOWN
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(300)]
 HERE = Path(__file__).parent
@@ -44,14 +45,14 @@ KEEP_AWAKE = """Object.defineProperty(navigator, "wakeLock", { value: {
   request: async (kind) => ((window.kept_on = kind), Object.assign(new EventTarget(), { release() {} })),
 } })"""
 READ = """() => {
-  const image = document.querySelector(".camera-picture img"), canvas = document.createElement("canvas");
+  const image = SHOWN, canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [256, 32]; // on a busy machine the picture may come smaller
   const pen = canvas.getContext("2d");
   pen.drawImage(image, 0, 0, canvas.width, canvas.height);
   const bit = (at) => (pen.getImageData(16 * at + 8, 16, 1, 1).data[0] > 127 ? 1 << at : 0);
   const taken_ms = [...Array(16).keys()].reduce((sum, at) => sum + bit(at), 0);
   return [taken_ms, document.querySelector(".camera-picture .picture-age").textContent];
-}"""
+}""".replace("SHOWN", SHOWN)
 """Returns what time is in the picture, ms, and what the page says of its age."""
 AHEAD = "[aria-label='The camera looks ahead']"
 COVERING = """() => {

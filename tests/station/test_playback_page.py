@@ -98,7 +98,7 @@ def test_page_beside_a_log_shows_the_logs_time_and_trace_and_nothing_live(robot:
 
 def paused_log_is_no_dead_robot(page: Page) -> None:
     page.wait_for_selector("#trace-log :text('the laser stands')")
-    page.wait_for_selector(".camera-picture img[src]")
+    page.wait_for_selector(".camera-picture .picture-age")
     page.keyboard.press("k")
     page.wait_for_selector("#playback-clock:has-text('2023-11-14 22:13:2'):has-text('UTC')")
     page.wait_for_selector("#playback-text:has-text('paused')")

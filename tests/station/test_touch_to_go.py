@@ -209,7 +209,7 @@ def floor_at(across: float, down: float) -> NDArray[np.float64]:
 
 def proposed(page: Page, across: float = SEEN[0], down: float = SEEN[1]) -> None:
     """Press a place until a way there is proposed: a page that has just come to the front may miss it."""
-    page.wait_for_selector(".camera-picture img")
+    page.wait_for_selector(".camera-picture .picture-age")
     page.wait_for_function("window.did_handshake && window.socket.connected")
     page.wait_for_selector(".floor")
     wait_until(lambda: page.evaluate("document.querySelector('.camera-picture img').naturalWidth") > 0)
@@ -440,7 +440,7 @@ def test_robot_drives_to_the_place_that_was_pressed(robot: Robot) -> None:
     goal_x_m = START_X_M + geometry.mount_m[0] + geometry.mount_m[2] / slope
     assert goal_x_m > START_X_M + 1.0
     with browser() as one, page_of(one, address_of(robot)) as page:
-        page.wait_for_selector(".camera-picture img")
+        page.wait_for_selector(".camera-picture .picture-age")
         wait_until(lambda: page.evaluate("document.querySelector('.camera-picture img').naturalWidth") > 0)
         for _ in range(20):  # until mapping, navigation and camera are all there, also on a busy machine
             pressed(page, 0.5, SEEN_BELOW)

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import logging
 import struct
 from collections.abc import Coroutine
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from robbie_mp.messages import CompressedImage, Image
+from robbie_mp.station.live.h264 import VideoStreams
 from robbie_mp.station.live.video import (
     COST_LIMIT_S,
     GRADES,
@@ -23,6 +25,7 @@ from robbie_mp.station.watch.latest import Latest
 from robbie_mp.station.watch.pictures import NewestPicture
 
 BIT_PER_BYTE = 8.0
+LOG = logging.getLogger("video")
 
 
 class Camera:
@@ -44,6 +47,10 @@ def about(packet: bytes | None) -> dict[str, Any]:
     at = 4 + struct.unpack_from("<I", packet)[0]
     found: dict[str, Any] = json.loads(packet[at : at + json.loads(packet[4:at])[0][1]])
     return found
+
+
+def follower_of(picture: NewestPicture, name: str = "eye") -> VideoFollower:
+    return VideoFollower(lambda: {name: picture}, VideoStreams(LOG))
 
 
 def run(steps: Coroutine[Any, Any, None]) -> None:
@@ -74,7 +81,7 @@ def test_jam_lowers_the_grade_at_once() -> None:
 def test_few_bytes_that_come_late_do_not_stop_the_video() -> None:
     async def steps() -> None:
         camera = Camera()
-        follower = VideoFollower(lambda: {"eye": camera.picture})
+        follower = follower_of(camera.picture)
         follower.hear('{"want": {"eye": 640}}')
         for _ in range(3):
             camera.take()
@@ -83,6 +90,16 @@ def test_few_bytes_that_come_late_do_not_stop_the_video() -> None:
         follower.go()
 
     run(steps())
+
+
+def test_picture_of_a_still_scene_does_not_make_the_network_look_faster() -> None:
+    cost = NetworkCost()
+    cost.add(8000, 0.08)
+    for _ in range(20):
+        cost.add(300, 0.001, is_full=False)
+    assert cost.of(1000) == pytest.approx(0.01)
+    cost.add(8000, 0.04)
+    assert cost.of(1000) == pytest.approx(0.005)
 
 
 def test_small_picture_is_no_finer_than_it_is_shown() -> None:
@@ -94,7 +111,7 @@ def test_small_picture_is_no_finer_than_it_is_shown() -> None:
 def test_newest_picture_is_sent_and_few_are_under_way() -> None:
     async def steps() -> None:
         camera = Camera()
-        follower = VideoFollower(lambda: {"eye": camera.picture})
+        follower = follower_of(camera.picture)
         follower.hear('{"want": {"eye": 640}}')
         for _ in range(MAX_AHEAD):
             camera.take()
@@ -116,7 +133,7 @@ def test_newest_picture_is_sent_and_few_are_under_way() -> None:
 def test_camera_without_a_picture_says_why() -> None:
     async def steps() -> None:
         latest: Latest[Image | CompressedImage] = Latest()
-        follower = VideoFollower(lambda: {"depth": NewestPicture(latest)})
+        follower = follower_of(NewestPicture(latest), "depth")
         follower.hear('{"want": {"depth": 640}}')
         latest.put(Image(height=1, width=1, encoding="bayer_rggb8", step=1, data=np.zeros(1, np.uint8)))
         assert "bayer_rggb8" in about(await follower.next())["reason"]
@@ -143,7 +160,7 @@ def test_camera_without_a_picture_says_why() -> None:
 def test_ill_formed_words_of_a_page_do_no_harm(said: str) -> None:
     async def steps() -> None:
         camera = Camera()
-        follower = VideoFollower(lambda: {"eye": camera.picture})
+        follower = follower_of(camera.picture)
         follower.hear(said)
         many = {f"camera {number}": 100 for number in range(3 * MAX_WANTED)}
         follower.hear(json.dumps({"want": many}))

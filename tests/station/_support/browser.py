@@ -62,13 +62,27 @@ RECONNECTING = (
 
 @contextmanager
 def page_of(
-    started: Browser, address: str, device: dict[str, Any] = LAPTOP, *, may_say: Sequence[str] = ()
+    started: Browser,
+    address: str,
+    device: dict[str, Any] = LAPTOP,
+    *,
+    may_say: Sequence[str] = (),
+    script: str = "",
 ) -> Iterator[Page]:
-    """Open a page; whatever else than `may_say` its console complains of is an error at the end."""
+    """Open a page; whatever else than `may_say` its console complains of is an error at the end.
+
+    Args:
+        started: the browser.
+        address: of the page.
+        device: what the browser looks like.
+        may_say: beginnings of what the console may complain of.
+        script: runs before the page's own.
+    """
     said: list[str] = []
     context = started.new_context(**device)
     page = context.new_page()
     page.set_default_timeout(1000 * LIMIT_S)
+    page.add_init_script(script)
 
     def note(message: ConsoleMessage) -> None:
         if message.type in COMPLAINTS:

@@ -107,8 +107,9 @@ class Video {
   async load_decoder() {
     await window.first_picture;
     if (!window.VideoDecoder || this.decoder) return;
-    const { PictureDecoder } = await import("robbie-live/picture_decoder.js");
-    this.decoder ??= await PictureDecoder.make(() => this.tell());
+    // A server that is gone will load the page again.
+    const script = await import("robbie-live/picture_decoder.js").catch(() => null);
+    this.decoder ??= await script?.PictureDecoder.make(() => this.tell());
     this.tell();
   }
 
