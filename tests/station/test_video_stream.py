@@ -36,7 +36,7 @@ BREAK = """(how) => {
       window.fallback_ms = performance.now() - window.failed_ms;
     else requestAnimationFrame(look);
   };
-  window.repair = () => (VideoDecoder.prototype.decode = decode);
+  window.repair = () => void (VideoDecoder.prototype.decode = decode);
   look();
 }"""
 """Breaks the browser's decoder, and measures how long the page takes to show JPEG."""

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from playwright.sync_api import Browser, Page
+from playwright.sync_api import Error as PlaywrightError
 
 from robbie_mp.base.linux.proc import read_usage
 from tools.operator.chromium import chromium_by
@@ -61,7 +62,7 @@ READ = """([bits, height]) => {
   if (!image || image.complete === false || !text) return null;
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [image.naturalWidth ?? image.width, image.naturalHeight ?? image.height];
-  const pen = canvas.getContext("2d"), edge = canvas.width / bits;
+  const pen = canvas.getContext("2d", { willReadFrequently: true }), edge = canvas.width / bits;
   pen.drawImage(image, 0, 0);
   const middle = ((height / 640) * canvas.width) / 2;
   const is_set = (at) => pen.getImageData((at + 0.5) * edge, middle, 1, 1).data[0] > 127;
@@ -127,7 +128,10 @@ def age_errors(page: Page) -> Iterator[float]:
     for _ in range(SAMPLES):
         page.wait_for_timeout(SAMPLE_MS)  # to meet pictures of all ages
         asked_ms = time.monotonic_ns() / 1e6
-        found = page.evaluate(READ, [CODE_BITS, CODE_HEIGHT])
+        try:
+            found = page.evaluate(READ, [CODE_BITS, CODE_HEIGHT])
+        except PlaywrightError:
+            continue  # the page loads itself again
         answered_ms = time.monotonic_ns() / 1e6
         if found is not None and answered_ms - asked_ms < MAX_ASK_MS:
             now_ms = (asked_ms + answered_ms) / 2
