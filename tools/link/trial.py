@@ -282,7 +282,12 @@ def row(one: LinkFigures) -> list[str]:
 
 
 def _measure(folder: Path, network: Network, trial: LinkTrial, engine: str, duration_s: float) -> LinkFigures:
-    """Measure one engine on one network. Each pair is new, so that no row depends on the one before."""
+    """Measure one engine on one network. Each pair is new, so that no row depends on the one before.
+
+    The delay is there before the pair starts: BBR, the congestion control of TCP on many machines, sends for
+    10 s as if the round trip were the shortest that it has seen.
+    """
+    network.delay(trial.conditions)
     started = linked_pair(folder, network) if engine == OURS else engine_pair(folder, network, engine)
     try:
         with started as pair:
