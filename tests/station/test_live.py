@@ -14,8 +14,9 @@ import socketio
 from engineio.async_socket import AsyncSocket
 
 from robbie_mp.station.live import LiveParts
-from robbie_mp.station.live.parts import PACKET_BYTES, PACKETS_AHEAD, SMALL_BYTES, Follower
+from robbie_mp.station.live.parts import PACKET_BYTES, PACKETS_AHEAD, SENT, SMALL_BYTES, Follower, way_of
 from robbie_mp.station.live.server import serve
+from robbie_mp.station.live.video import NetworkCost
 from robbie_mp.station.page.build import MAX_WAITING_PACKETS, NAMESPACE, BrowserLink
 from robbie_mp.station.web.listening import listen
 
@@ -32,12 +33,12 @@ def unpacked(packet: bytes | None) -> dict[str, bytes]:
         parts[name] = packet[at : at + size]
         at += size
     assert at == len(packet)
+    float(parts.pop(SENT))
     return parts
 
 
 def following(live: LiveParts, *groups: str) -> Follower:
-    follower = Follower(live, frozenset(groups))
-    return follower
+    return Follower(live, frozenset(groups), NetworkCost())
 
 
 def test_packet_contains_the_changes_of_the_followed_groups() -> None:
@@ -123,13 +124,40 @@ def test_removed_part_is_forgotten_and_sent_again_when_it_returns() -> None:
     asyncio.run(run())
 
 
+@pytest.mark.parametrize(
+    ("way_s", "parts", "wait_s"),
+    [(0.025, 6, 0.0), (0.08, 1, 0.25), (5.0, 1, 1.0), (1e300, 1, 1.0), (0.003, 30, 0.0), (-1.0, 30, 0.0)],
+    ids=["1 Mbit/s", "0.3 Mbit/s", "a jam", "nonsense", "8 Mbit/s", "a clock that is wrong"],
+)
+def test_packets_leave_room_on_a_slow_network(way_s: float, parts: int, wait_s: float) -> None:
+    async def run() -> None:
+        live, size = LiveParts(), 1000
+        follower = following(live, "map")
+        live.put("map", {f"tile/{number}": bytes(size) for number in range(3)})
+        assert len(unpacked(await follower.next())) == 3
+        follower.hear(json.dumps({"way_s": way_s}))
+        follower.hear("nothing was sent")
+        live.put("map", {f"tile/{number}": bytes([7]) * size for number in range(30)})
+        begin_s = asyncio.get_running_loop().time()
+        assert len(unpacked(await follower.next())) == parts
+        waited_s = asyncio.get_running_loop().time() - begin_s
+        assert wait_s * 0.9 <= waited_s < wait_s + 0.2
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("said", ["", "drawn", "{", "[]", '{"way_s": null}', '{"way_s": "x"}', "9" * 1000])
+def test_page_that_knows_no_clock_costs_nothing(said: str) -> None:
+    assert way_of(said) is None
+
+
 def test_closed_page_requests_nothing() -> None:
     async def run() -> None:
         live = LiveParts()
         told: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         sent: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         told.put_nowait({"type": "websocket.connect"})
-        follow = partial(Follower, live, frozenset({"map"}))
+        follow = partial(Follower, live, frozenset({"map"}), NetworkCost())
         serving = asyncio.ensure_future(serve(follow, told.get, sent.put))  # type: ignore[arg-type]
         assert (await sent.get())["type"] == "websocket.accept"
         live.put("map", {"place": b"here"})

@@ -1,7 +1,9 @@
 """The newest state of everything that pages draw, in parts, each encoded once for all pages.
 
 A page gets a packet with the changed parts, and the next packet when it has drawn that one. So nothing queues
-up for a page with a slow link or browser: it gets fewer packets, each with the newest state.
+up for a page with a slow link or browser: it gets fewer packets, each with the newest state. With each packet
+drawn, the page says how long it was on its way, as with pictures (video.py). Packets leave most of a slow
+network to them, and to what the operator orders.
 """
 
 from __future__ import annotations
@@ -9,16 +11,37 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
+import math
 import struct
+import time
+from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from robbie_mp.station.web.page_json import from_page
+
+if TYPE_CHECKING:
+    from robbie_mp.station.live.video import NetworkCost
 
 PACKET_BYTES = 1 << 16
 """Size at which a packet is full. A packet has at least one part of any size."""
+SENT = "sent_s"
+"""The part of each packet that tells when it was sent, s by the robot's monotonic clock."""
 SMALL_BYTES = 1 << 12
 """Parts up to this size are sent before all others."""
 PACKETS_AHEAD = 2
 """Maximum number of packets in flight to a page, so that it does not wait for round trips."""
+COST_LIMIT_S = 0.05
+"""Time that the network may need for a packet; it has at least one part."""
+PROMPT_S = 0.03
+"""A packet that takes no longer than this beyond the shortest time has not waited for the network."""
+USED_SHARE = 0.2
+"""Packets are late for this share of the time at most."""
+LONGEST_WAIT_S = 1.0
+"""Longest time between two packets, whatever they cost."""
+MAX_TEXT = 100
 DRAWING_LIMIT_S = 30.0
 """A page that has drawn nothing for this time is disconnected."""
 
@@ -72,15 +95,23 @@ class Follower:
     Args:
         live: the parts.
         groups: the groups to follow.
+        cost: learns what packets cost the network.
     """
 
-    def __init__(self, live: LiveParts, groups: frozenset[str]):
+    def __init__(self, live: LiveParts, groups: frozenset[str], cost: NetworkCost):
         self.groups = groups
         self._live = live
         self._prefixes = tuple(f"{group}/" for group in groups)
         self._has: dict[str, tuple[int, int]] = {}
         """For each part, the version and the number of the packet that were last sent."""
         self._sent = self._drawn = 0
+        self._cost = cost
+        self._flying: deque[int] = deque()
+        """Sizes of the packets that the page has not yet drawn, bytes."""
+        self._late_s = 0.0
+        """How late the last packet was, because the network is slow."""
+        self._free_s = -math.inf
+        """From when on the network has room for the next packet."""
         self._is_gone = False
         self._loop = asyncio.get_running_loop()
         self._changed = asyncio.Event()
@@ -92,8 +123,14 @@ class Follower:
         if group in self.groups:
             self._loop.call_soon_threadsafe(self._changed.set)
 
-    def hear(self, _said: str) -> None:
-        """Record that the page has drawn one more packet."""
+    def hear(self, said: str) -> None:
+        """Record that the page has drawn one more packet, and how long that was on its way."""
+        if self._flying:
+            size = self._flying.popleft()
+            if (way_s := way_of(said)) is not None:
+                self._cost.add(size, way_s)
+                self._late_s = max(0.0, way_s - PROMPT_S)
+                self._free_s = self._loop.time() + min(LONGEST_WAIT_S, self._late_s / USED_SHARE)
         self._drawn = min(self._sent, self._drawn + 1)
         self._drawn_s = self._loop.time()
         self._changed.set()
@@ -108,16 +145,19 @@ class Follower:
         """Wait for changes and return the next packet; None if there will be none."""
         while not self._is_gone:
             self._changed.clear()
-            behind = self._sent - self._drawn
-            if behind < PACKETS_AHEAD and (packet := self.packet()) is not None:
+            behind, now_s = self._sent - self._drawn, self._loop.time()
+            wait_s, ahead = self._free_s - now_s, 1 if self._late_s else PACKETS_AHEAD
+            if wait_s <= 0.0 and behind < ahead and (packet := self.packet()) is not None:
                 if not behind:
-                    self._drawn_s = self._loop.time()
+                    self._drawn_s = now_s
+                self._flying.append(len(packet))
                 return packet
-            left_s = self._drawn_s + DRAWING_LIMIT_S - self._loop.time() if behind else None
-            try:
-                await asyncio.wait_for(self._changed.wait(), left_s)
-            except asyncio.TimeoutError:
+            left_s = self._drawn_s + DRAWING_LIMIT_S - now_s if behind else math.inf
+            if left_s <= 0.0:
                 break
+            limit_s = min(left_s, wait_s) if wait_s > 0.0 else left_s
+            with suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self._changed.wait(), limit_s if limit_s < math.inf else None)
         return None
 
     def packet(self) -> bytes | None:
@@ -144,14 +184,26 @@ class Follower:
         chosen: list[tuple[str, Part]] = []
         size = 0
         for name, part in changed:
-            if chosen and size + len(part.data) > PACKET_BYTES:
+            grown = size + len(part.data)
+            if chosen and (grown > PACKET_BYTES or (self._cost.of(grown) or 0.0) > COST_LIMIT_S):
                 break
             size += len(part.data)
             chosen.append((name, part))
         # Without parts that no longer exist.
         self._has = {name: had for name, had in self._has.items() if name in parts}
         self._has |= {name: (part.number, self._sent) for name, part in chosen}
-        return packed({name: part.data for name, part in chosen})
+        sent_s = json.dumps(time.monotonic()).encode()
+        return packed({SENT: sent_s, **{name: part.data for name, part in chosen}})
+
+
+def way_of(said: str) -> float | None:
+    """Return how long a packet was on its way by what the page says, s; None if it does not know."""
+    try:
+        told = from_page(said) if len(said) <= MAX_TEXT else None
+    except ValueError:
+        return None
+    way_s = told.get("way_s") if isinstance(told, dict) else None
+    return float(way_s) if isinstance(way_s, int | float) else None
 
 
 def packed(parts: Mapping[str, bytes]) -> bytes:

@@ -9,7 +9,7 @@ from starlette.types import Receive, Scope, Send
 
 from robbie_mp.station.live.h264 import VideoStreams
 from robbie_mp.station.live.parts import Follower, LiveParts
-from robbie_mp.station.live.video import VIDEO, VideoFollower
+from robbie_mp.station.live.video import VIDEO, NetworkCost, VideoFollower
 from robbie_mp.station.watch.pictures import NewestPicture
 from robbie_mp.station.web.gate import App
 
@@ -38,7 +38,8 @@ def with_live(
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket" and scope["path"].startswith(PATH):
             groups = frozenset(scope["path"][len(PATH) :].split("+"))
-            parts, video = partial(Follower, live, groups), partial(VideoFollower, cameras, streams)
+            parts = partial(Follower, live, groups, NetworkCost())
+            video = partial(VideoFollower, cameras, streams)
             await serve(video if groups == {VIDEO} else parts, receive, send)
         else:
             await app(scope, receive, send)

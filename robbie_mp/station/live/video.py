@@ -36,6 +36,8 @@ RISE_SHARE = 0.7
 """A better grade must cost only this share of it, so that grades do not alternate."""
 USED_SHARE = 0.75
 """Pictures use this share of the time at most, which leaves room for the rest of the page."""
+SLOW_SHARE = 0.4
+"""The same if even one costs more than `COST_LIMIT_S`: an answer that waits behind it is late for driving."""
 JAM_S = 0.4
 """A picture that took this long discards all earlier estimates."""
 FULL_SHARE = 0.5
@@ -264,7 +266,9 @@ class VideoFollower:
         is_full = stream is None or size >= FULL_SHARE * wanted.size(wanted.grade)
         if stream is None:
             wanted.sizes[wanted.grade] = size
-        self._free_s = now_s + min(LONGEST_WAIT_S, (self._cost.of(size) or 0.0) / USED_SHARE)
+        cost_s = self._cost.of(size) or 0.0
+        share = USED_SHARE if cost_s <= COST_LIMIT_S else SLOW_SHARE
+        self._free_s = now_s + min(LONGEST_WAIT_S, cost_s / share)
         if not self._flying:
             self._drawn_s = now_s
         self._flying.append((size, is_full))

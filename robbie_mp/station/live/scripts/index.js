@@ -38,9 +38,11 @@ export class Live {
     socket.onopen = () => this.opened();
     socket.onmessage = (event) => {
       const came_s = performance.now() / 1000;
+      const parts = unpacked(event.data);
+      const way_s = parts.sent_s && window.robot_way_s?.(from_json(parts.sent_s), came_s);
       drawn = drawn
-        .then(() => this.draw(unpacked(event.data), came_s))
-        .then((said) => new Promise(requestAnimationFrame).then(() => this.say(said ?? "drawn", socket)));
+        .then(() => this.draw(parts, came_s))
+        .then((said) => new Promise(requestAnimationFrame).then(() => this.say(said ?? JSON.stringify({ way_s }), socket)));
     };
     socket.onclose = () => {
       this.socket = null;
