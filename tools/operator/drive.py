@@ -44,6 +44,8 @@ REACHED_M = 0.3
 CHANGES = {"mission": None, "base": {"settings": {"true_path": True}}}
 """Nobody but the operator drives."""
 TOP_M_PER_S = 0.7
+LAYOUT = "Tablet"
+"""Camera, map and pad: Chromium has no graphics card here, and would draw the 3-D view with the processor."""
 LEG_LIMIT_S = 120.0
 LOOK_MS, SETTLE_MS, AGAIN_MS = 100, 600, 300
 AHEAD, BACK, LEFT, RIGHT = "KeyW", "KeyS", "KeyA", "KeyD"
@@ -187,7 +189,7 @@ class Operator:
         until_s = time.monotonic() + LEG_LIMIT_S
         while (way := (sight := self.look()).towards(place))[0] > NEAR_M:
             if time.monotonic() > until_s:
-                raise Lost(f"{place} is still {way[0]:.1f} m away")
+                raise Lost(f"{place} is still {way[0]:.1f} m away: {sight.why}")
             self._steer(sight, way[1])
         self.stand()
 
@@ -255,7 +257,7 @@ def measure(folder: Path, robot: Host, browser: Browser) -> dict[str, float]:
     scene = Scene(folder, MAZE, CHANGES, TOP_M_PER_S, on_host=robot.command(), parents=("robbie:rescue",))
     with stopping(scene.robot):
         scene.begin()
-        with scene.page(browser, robot.address) as page:
+        with scene.page(browser, robot.address, LAYOUT) as page:
             begin_s = time.time()
             arrivals, operator = drive(page)
         scene.robot.stop()

@@ -150,7 +150,7 @@ class Scene:
         return at_ns
 
     @contextmanager
-    def page(self, browser: Browser, host: str) -> Iterator[Page]:
+    def page(self, browser: Browser, host: str, layout: str = LAYOUT) -> Iterator[Page]:
         """Open the page and log in."""
         context = browser.new_context(viewport={"width": 1280, "height": 800})
         page = context.new_page()
@@ -159,17 +159,17 @@ class Scene:
         page.fill("#token", TOKEN)
         page.keyboard.press("Enter")
         page.wait_for_selector("#layouts")
-        page.goto(f"{self.address(host)}?layout={LAYOUT}")
-        self.wait_for_page(page)
+        page.goto(f"{self.address(host)}?layout={layout}")
+        self.wait_for_page(page, layout)
         page.wait_for_selector("#emergency-stop-state:has-text('ready')")
         try:
             yield page
         finally:
             context.close()
 
-    def wait_for_page(self, page: Page) -> None:
+    def wait_for_page(self, page: Page, layout: str = LAYOUT) -> None:
         """Wait until a page shows its layout, and can drive if the layout can."""
-        page.wait_for_selector(f"#layouts:has-text('{LAYOUT}')")
+        page.wait_for_selector(f"#layouts:has-text('{layout}')")
         page.wait_for_selector(".drives >> visible=true")
 
 

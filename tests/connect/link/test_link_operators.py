@@ -284,7 +284,7 @@ def test_second_laptop_drives_only_after_it_has_taken_over(robot: Robot) -> None
     pair.start("ben")
     wait_until(lambda: pair.state("ben") is not None)
     wait_until(lambda: told("anna")["refused_operator"] == "ben")
-    assert told("ben")["operator"] == "anna"
+    wait_until(lambda: told("ben")["operator"] == "anna")
     (run,) = (one for one in live_runs() if one.record is not None and one.record.profile == "ben")
     robot.command("pub", "OperatorRequest", "{wish: 1}", "--topic", "operator_request", "--run", run.run_id)
     wait_until(lambda: told("anna")["operator"] == "ben")
