@@ -27,6 +27,10 @@ GREY = """(where) => {
   pen.drawImage(image, 0, 0);
   return pen.getImageData(5, 5, 1, 1).data[0];
 }"""
+COLOURS = """() => {
+  const { color, backgroundColor } = getComputedStyle(document.querySelector("#moment-close"));
+  return [color, backgroundColor];
+}"""
 THEN, NOW = ".moment .is-then img", ".moment figure:not(.is-then) img"
 
 
@@ -54,6 +58,8 @@ def moment_is_shown_beside_the_present(page: Page) -> None:
     page.wait_for_function(f"Math.abs(({GREY})('{THEN}') - 40) < 6")
     page.wait_for_function(f"Math.abs(({GREY})('{NOW}') - 220) < 6")
     assert "is-chosen" in str(page.get_attribute(POINT.format("Victims"), "class"))
+    text, ground = page.evaluate(COLOURS)
+    assert text != ground
 
 
 def place_of_then_is_on_the_map(page: Page) -> None:

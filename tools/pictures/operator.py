@@ -1,8 +1,9 @@
 """Takes the pictures of the operator's page in docs/images: `python -m tools.pictures.operator [--layouts]`.
 
 The tool runs the rescue robot, and crashes a module to have a crash report. It opens each panel in Chromium
-and records a log meanwhile. Then it plays the log beside virtual devices. With `--layouts`, it takes only the
-pictures of the layouts, of each at three sizes. It needs playwright and Chromium.
+and records a log meanwhile. Then it plays the log beside virtual devices, and runs a team of two robots for
+the layout *Robots*. With `--layouts`, it takes only the pictures of the layouts, of each at three sizes. It
+needs playwright and Chromium.
 """
 
 import argparse
@@ -20,8 +21,12 @@ from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 from robbie_mp.run.operator_link import read_link
 from robbie_mp.run.run_directory import list_runs
+from robbie_robots.hw.simulation.arena_file import read_arena
+from robbie_robots.hw.simulation.generate_arena import generate_arena
 from tools.operator.chromium import chromium
-from tools.robot import COMMAND, REPOSITORY, Robot, stopping
+from tools.robot import COMMAND, REPOSITORY, Robot, free_port, stopping
+from tools.trials.missions.rescue import WISHES
+from tools.trials.missions.rescue_team import arguments_of, second_start
 
 FOLDER = Path("docs/images")
 SIZE: ViewportSize = {"width": 1280, "height": 800}
@@ -39,8 +44,12 @@ QUESTION = "#victim-question:visible"
 VICTIMS_BEFORE = 2
 """Number of confirmed victims when the tool takes the picture of the map."""
 LIMIT_S = 300.0
-NAMES = ("Drive", "Mission", "Engineer", "Tablet", "Playback")
-"""The layouts in the order of their keys."""
+NAMES = ("Drive", "Mission", "Engineer", "Tablet", "Playback", "Robots")
+"""The layouts in the order of their keys. A log plays in `PLAYBACK`; `ROBOTS` is of a team."""
+*LIVE, PLAYBACK, ROBOTS = NAMES
+TEAM_SEED = 1
+TEAM_EXPLORES_S = 45.0
+"""After this time, the map shows what both robots have seen."""
 LARGE: ViewportSize = {"width": 1920, "height": 1080}
 UPRIGHT: ViewportSize = {"width": 800, "height": 1280}
 SIZES = (LARGE, UPRIGHT, SIZE)
@@ -68,7 +77,7 @@ def main() -> None:
             with recording(robot, log):
                 if only_layouts:
                     wait_for_victims(page, 1)
-                    take_layouts(page, NAMES[:-1])
+                    take_layouts(page, LIVE)
                     take_light(page)
                 else:
                     take_panels(page, robot)
@@ -77,6 +86,7 @@ def main() -> None:
             page = new_page(browser)
             page.goto(link(robot))
             take_playback(page, only_layouts=only_layouts)
+        take_team(new_page(browser), Path(folder, "team"))
 
 
 def new_page(browser: Browser) -> Page:
@@ -127,7 +137,7 @@ def take_panels(page: Page, robot: Robot) -> None:
     answer(page)
     robot.send(robot.figures()[CRASHES].pid, signal.SIGSEGV)
     page.click("#mark")
-    take_layouts(page, NAMES[:-1])
+    take_layouts(page, LIVE)
     take_light(page)
     turn_to(page, "speech")
     page.click("#speech-commands >> text=look around")
@@ -137,9 +147,37 @@ def take_panels(page: Page, robot: Robot) -> None:
     turn_to(page, "trace")
     page.click("#trace-crashes .q-item >> nth=0")
     take(page, "trace")
+    take_time_line(page)
     turn_to(page, "messages")
     page.click("#messages-topics tr:has-text('sensor_msgs/msg/LaserScan')")
     take(page, "messages")
+
+
+def take_time_line(page: Page) -> None:
+    """Take a picture of the moment that was marked, beside the present."""
+    turn_to(page, "timeline")
+    page.click(".time-lane[data-lane=Marks] button >> nth=0")
+    page.wait_for_function("document.querySelector('.moment .is-then img')?.naturalWidth > 0")
+    take(page, "timeline")
+
+
+def take_team(page: Page, folder: Path) -> None:
+    """Take pictures of the layout with all robots of a team."""
+    folder.mkdir()
+    (folder / "arena.yaml").write_text(generate_arena(TEAM_SEED, WISHES))
+    arena = read_arena(folder / "arena.yaml")
+    starts, port = {"red": arena.start, "blue": second_start(arena)}, free_port()
+    words = [arguments_of(name, starts, TEAM_SEED, folder, port) for name in starts]
+    with (
+        stopping(Robot(folder / "red", REPOSITORY, *words[0])) as red,
+        stopping(Robot(folder / "blue", REPOSITORY, *words[1])),
+    ):
+        page.goto(link(red))
+        page.wait_for_selector("#layouts")
+        choose(page, ROBOTS)
+        page.wait_for_selector(".robot-card[data-robot=blue] .robot-about:not(.is-stale)")
+        page.wait_for_timeout(1000 * TEAM_EXPLORES_S)
+        take_layouts(page, [ROBOTS])
 
 
 def wait_for_victims(page: Page, count: int) -> None:
@@ -194,7 +232,7 @@ def answer(page: Page) -> None:
 def take_playback(page: Page, *, only_layouts: bool) -> None:
     """Take pictures of the playback: the layout for it, and virtual devices."""
     page.wait_for_selector("#playback-events [data-at]")
-    take_layouts(page, NAMES[-1:])
+    take_layouts(page, [PLAYBACK])
     if only_layouts:
         return
     page.click("#tab-devices")

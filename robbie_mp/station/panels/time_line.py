@@ -296,8 +296,8 @@ class MomentBeside:
         with self._box:
             with ui.element("div").classes("moment-head"):
                 ui.label(about(moment)).props("id=moment-title role=status")
-                close = ui.button("Close", on_click=self._close, color="white")
-                close.props("flat no-caps id=moment-close")
+                close = ui.button("Close", on_click=self._close)
+                close.props("flat no-caps color=white id=moment-close")
                 close.props["aria-label"] = "Close the moment"
             if not moment.pictures:
                 ui.label("The clip has no picture of this moment.").classes("moment-text")
