@@ -11,6 +11,8 @@ from robbie_robots.workers.row_log import RowLog
 SAME_STAMP_S = 1e-4
 SEARCHED = 200  # newest entries searched for a sweep's stamp
 PAUSE_S, PAUSE_PERIODS = 0.5, 4  # a pause is longer than both
+STOPPED = 0.25  # share of the way at its speed before; a robot that drives less in a pause has stopped
+SPEED_S = 0.35  # time over which the speed before a pause is taken
 
 
 @dataclass(frozen=True)
@@ -73,10 +75,27 @@ class OdometryTrack:
         steps = relative(rows[:-1, 1:], rows[1:, 1:])
         return np.array([np.hypot(steps[:, 0], steps[:, 1]).sum(), 0.0, np.abs(steps[:, 2]).sum()])
 
-    def longest_pause_s(self, begin: float, end: float) -> float:
-        """Return the longest time between two successive entries from one position to another, s."""
+    def longest_pause(self, begin: float, end: float) -> tuple[float, float]:
+        """Return the longest time between two successive entries from one position to another, s.
+
+        The second figure is how far the robot would have driven in it at its speed before, m. It is 0 if
+        odometry moved a good part of that, or is always that rare.
+        """
         first, last = int(np.floor(begin)) - self.log.forgotten, int(np.ceil(end)) - self.log.forgotten
-        return float(np.diff(self.log.rows[max(first, 0) : last + 1, 0]).max(initial=0.0))
+        first = max(first, 0)
+        pauses_s = np.diff(self.log.rows[first : last + 1, 0])
+        if not len(pauses_s):
+            return 0.0, 0.0
+        at = first + int(np.argmax(pauses_s))
+        pause_s = float(pauses_s.max())
+        if not self._is_long(pause_s):
+            return pause_s, 0.0
+        rows = self.log.rows[max(0, at - SEARCHED) : at + 1]
+        rows = rows[rows[:, 0] >= rows[-1, 0] - SPEED_S]
+        way_m, time_s = np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum(), rows[-1, 0] - rows[0, 0]
+        coasted_m = float(way_m / time_s * pause_s) if time_s > 0.0 else 0.0
+        has_stopped = np.hypot(*np.diff(self.log.rows[at : at + 2, 1:3], axis=0)[0]) < STOPPED * coasted_m
+        return pause_s, coasted_m if has_stopped else 0.0
 
     def is_in_pause(self, place: TrackMoment, least_m: float, least_rad: float) -> bool:
         """Return whether a place lies in a pause of the odometry in which the robot moved.
@@ -93,7 +112,12 @@ class OdometryTrack:
         if place.position == np.floor(place.position) or len(rows) < 2:
             return False
         pause_s = rows[1, 0] - rows[0, 0]
-        if pause_s <= PAUSE_S or pause_s <= PAUSE_PERIODS * np.median(np.diff(self.log.rows[-SEARCHED:, 0])):
+        if not self._is_long(pause_s):
             return False
         step = relative(rows[0, 1:], rows[1, 1:])
         return bool(np.hypot(step[0], step[1]) > least_m or abs(step[2]) > least_rad)
+
+    def _is_long(self, pause_s: float) -> bool:
+        """Return whether a time between two entries is longer than it usually is."""
+        periods_s = np.diff(self.log.rows[-SEARCHED:, 0])
+        return pause_s > max(PAUSE_S, PAUSE_PERIODS * float(np.median(periods_s)))

@@ -55,3 +55,17 @@ def test_error_between_two_corrections_is_spread_over_the_motion() -> None:
     poses = corrected(odometry, anchors, odometry[anchors], np.array([[0, 0, 0], [4.4, 0.8, 0]]))
     assert poses[:, 0] == pytest.approx([0, 1.1, 1.1, 4.4, 5.4], abs=1e-6)
     assert poses[:, 1] == pytest.approx([0, 0.2, 0.2, 0.8, 0.8], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("pause_s", "moved_m", "period_s", "coasted_m"),
+    [(1.0, 0.05, 0.1, 0.5), (1.0, 0.5, 0.1, 0.0), (1.0, 0.0, 1.0, 0.0), (0.4, 0.0, 0.1, 0.0)],
+    ids=["stopped", "drove on", "always rare", "short"],
+)
+def test_pause_in_which_a_driving_robot_stopped_is_told(
+    pause_s: float, moved_m: float, period_s: float, coasted_m: float
+) -> None:
+    entries = [(number * period_s, 0.5 * number * period_s, 0, 0) for number in range(20)]
+    stamp_s, x_m, *_ = entries[-1]
+    result = track(*entries, (stamp_s + pause_s, x_m + moved_m, 0, 0))
+    assert result.longest_pause(18.0, 20.0) == pytest.approx((pause_s, coasted_m))

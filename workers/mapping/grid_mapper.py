@@ -36,6 +36,9 @@ FEWEST_HITS = 20
 THINNED = 0.1  # share of the key sweeps removed at a time
 GAP_S, GAP_M = 2.0, 2.0  # a pause between two sweeps in which the robot moved this far is a gap
 SILENCE_S = 2.0  # without odometry for this long, the robot may have been carried
+COASTED_M = 0.3  # so may one that stopped in a shorter pause, in which it would have driven this far
+STILL_S = 0.2  # from one look at the laser to the next, while odometry stands still
+STILL = np.array([0.5, 0.5, 0.1])  # m, m, rad: deviation of odometry that stands still
 PAUSES, FEWEST_PAUSES = 15, 3  # newest pauses between sweeps, whose median is the usual one
 GAP_PAUSES = 3.0  # a gap is this many times longer
 GAP_KNOWN = 0.5  # share of what is known of each axis after it that must come from the sweep
@@ -130,6 +133,8 @@ class GridMapper:
         self._pauses_s: deque[float] = deque(maxlen=PAUSES)  # between the newest sweeps
         self._newest = (np.inf, NOWHERE, 0.0)  # newest sweep: stamp (s), pose and place by odometry
         self._base = np.zeros(8)  # the anchor from which odometry leads to the next sweep
+        self._looked_s = -np.inf  # stamp of the newest sweep that was matched
+        self._is_carried = False
 
     def add_odometry(self, stamp_s: float, pose: ArrayLike) -> None:
         """Add an odometry pose (x m, y m, heading rad; odometry frame)."""
@@ -277,6 +282,7 @@ class GridMapper:
             "gaps": {"noticed": self.gaps_noticed, "open": self.gaps_open},
             "newest": np.array([self._newest[0], *self._newest[1], self._newest[2]]),
             "base": self._base.copy(),
+            "carried": {"looked_s": self._looked_s, "now": self._is_carried},
             "odometry": self._odometry.log.state(),
             "anchors": self._anchors.state(),
             "keys": self._keys.state(),
@@ -307,6 +313,8 @@ class GridMapper:
         mapper._anchors.restore(state["anchors"])
         if len(mapper._anchors):
             mapper._base = np.array(state.get("base", mapper._anchors.rows[-1]))
+        if "carried" in state:
+            mapper._looked_s, mapper._is_carried = state["carried"]["looked_s"], state["carried"]["now"]
         mapper._keys.restore(state["keys"])
         mapper._closer.restore(state["loops"])
         mapper._slips.restore(state["slips"])
@@ -347,9 +355,10 @@ class GridMapper:
             return
         last = self._anchors.rows[-1]
         step = relative(last[1:4], odometry)
-        has_moved = np.hypot(step[0], step[1]) >= HARDLY_M or abs(step[2]) >= HARDLY_RAD
-        if place.position < last[0] or not (has_moved or is_gap):
+        is_still = not is_gap and np.hypot(step[0], step[1]) < HARDLY_M and abs(step[2]) < HARDLY_RAD
+        if place.position < last[0] or (is_still and abs(stamp_s - self._looked_s) < STILL_S):
             return
+        self._looked_s = stamp_s
         if len(self._keys) >= self.limits.key_sweeps:
             self._thin()
         if len(self._keys) >= self.limits.key_sweeps:
@@ -361,11 +370,15 @@ class GridMapper:
         step, moved = calibration.corrected(raw), self._odometry.moved(self._base[0], place.position)
         if is_gap:
             match = self._match_after_gap(sweep, before, step, (self._base[0], place.position))
-        else:
-            match = self._checked_match(sweep, before, step, calibration.over(moved))
+        elif is_still:
+            match = self._match_while_still(sweep, before, step)
+        else:  # Nobody knows where a carried robot was put down.
+            deviation = np.maximum(calibration.over(moved), STILL if self._is_carried else 0.0)
+            match = self._checked_match(sweep, before, step, deviation)
         if match is None:
             return
-        has_slipped = is_gap or self._slips.noticed > noticed
+        has_slipped = is_gap or is_still or self._is_carried or self._slips.noticed > noticed
+        self._is_carried = is_still
         is_key = self._place(match, sweep, place, must_be_key=self._parts > parts)
         if is_key or has_slipped or moved[0] > FARTHEST_M or moved[2] > FARTHEST_RAD:
             if has_slipped:
@@ -411,6 +424,16 @@ class GridMapper:
             self._begin_at(guess)
         return match
 
+    def _match_while_still(
+        self, sweep: LaserSweep, before: NDArray[np.float64], step: NDArray[np.float64]
+    ) -> Match | None:
+        """Match a sweep while odometry stands still. Return None unless the robot is carried or pushed."""
+        if not self.is_certain:
+            return None
+        match = self._tracker.match(sweep, before, step, STILL)
+        is_carried = self._slips.sees_motion(sweep, compose(before, step), match, self._is_carried)
+        return match if is_carried else None
+
     def _match_after_gap(
         self,
         sweep: LaserSweep,
@@ -424,7 +447,8 @@ class GridMapper:
         """
         guess, moved = compose(before, step), self._odometry.moved(*positions)
         deviation = first_guess(moved)  # what was learnt need not hold where nothing was seen
-        if self._odometry.longest_pause_s(*positions) >= SILENCE_S:
+        silence_s, coasted_m = self._odometry.longest_pause(*positions)
+        if silence_s >= SILENCE_S or coasted_m >= COASTED_M:
             deviation = np.maximum(deviation, CARRIED)
         self.gaps_noticed += 1
         match = self._slips.bridged(sweep, guess, deviation)
@@ -454,9 +478,10 @@ class GridMapper:
         if pause_s < GAP_PAUSES * usual_s:
             return False
         step = relative(self._newest[1], odometry)
-        is_silent = self._odometry.longest_pause_s(self._newest[2], position) >= SILENCE_S
         # At the beginning, each sweep may come as late as that.
         is_long = is_known and pause_s >= GAP_S and np.hypot(step[0], step[1]) >= GAP_M
+        silence_s, coasted_m = self._odometry.longest_pause(self._newest[2], position)
+        is_silent = silence_s >= SILENCE_S or (coasted_m >= COASTED_M and silence_s >= pause_s / 2)
         return bool(is_silent or is_long)
 
     @property

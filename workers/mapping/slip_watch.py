@@ -43,6 +43,8 @@ SLIP_DEVIATIONS = 3.0  # off by this too, it has slipped
 GAP_DEVIATIONS = 3.0  # of odometry over a gap in which the robot is sought
 GAP_REACH = np.array([[0.5, 0.2], [4.0, np.pi]])  # least and most: m, rad
 GAP_OVERLAP = 0.5
+CARRIED_M, CARRIED_RAD = 0.15, 0.1  # motion in a sweep of a robot that begins to be carried
+HARDLY_M, HARDLY_RAD = 0.05, 0.03  # the same if it is carried already
 MOST_LOST = 25  # sweeps that fit nowhere; the next one is taken where odometry says
 
 
@@ -113,7 +115,7 @@ class SlipWatch:
             odometry's pose with the uncertainty of a slip.
         """
         # People hide the map, and stand where it is free. What is wide stays.
-        is_wide = sweep.is_wide[:: -(-len(sweep.hits) // MOST_POINTS)]
+        is_wide = _is_wide(sweep)
         seen = replace(match, on_surface=match.on_surface[is_wide])
         agreement = self._agreement(seen, sweep.hits.thinned(MOST_POINTS).chosen(is_wide), reference)
         is_strained = _is_strained(guess, deviation, match)
@@ -153,6 +155,28 @@ class SlipWatch:
         self.not_undone += 1
         self._forget()
         return replace(match, pose=guess, information=np.diag(SLIP_DEVIATION**-2.0))
+
+    def sees_motion(
+        self, sweep: LaserSweep, guess: NDArray[np.float64], match: Match, is_carried: bool
+    ) -> bool:
+        """Return whether a sweep shows that the robot is carried while odometry stands still.
+
+        Args:
+            sweep: The sweep.
+            guess: The pose of the robot if it stands, map frame.
+            match: The match of the sweep.
+            is_carried: Whether the sweep before it showed that too. The motion counts as one slip.
+        """
+        off = match.pose - guess
+        off[2] = wrap_angle(off[2])
+        least = np.array([HARDLY_M, HARDLY_RAD] if is_carried else [CARRIED_M, CARRIED_RAD])
+        if (np.array([np.hypot(off[0], off[1]), abs(off[2])]) < least).all():
+            return False
+        is_sure = off @ match.information @ off > SLIP_DEVIATIONS**2
+        fits = match.on_surface[_is_wide(sweep)].mean() >= SUSPECT  # of people, nothing follows
+        sees = bool(is_sure and fits)
+        self.noticed += sees and not is_carried
+        return sees
 
     def bridged(
         self, sweep: LaserSweep, guess: NDArray[np.float64], deviation: NDArray[np.float64]
@@ -297,6 +321,11 @@ class SlipWatch:
             through |= self._keys.sweeps[number].looked_through(transform_points(seen_from, places))
         both_saw = int((match.on_surface | through).sum())
         return int(match.on_surface.sum()) / both_saw if both_saw else 1.0
+
+
+def _is_wide(sweep: LaserSweep) -> NDArray[np.bool_]:
+    """Return which of a sweep's hits, thinned, show wide things."""
+    return sweep.is_wide[:: -(-len(sweep.hits) // MOST_POINTS)]
 
 
 def _shares(match: Match, owner: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -63,6 +63,37 @@ def test_gap_into_unknown_space_stays_open_until_a_loop_is_closed() -> None:
     assert errors_m(drive, mapper).max() < 0.25
 
 
+def carried(drive: Drive, begin: int, end: int, is_silent: bool) -> GridMapper:
+    """Feed a log in which odometry stands still for a while, or odometry and laser are silent then."""
+    mapper = GridMapper()
+    put_down = compose(drive.odometry[begin, 1:], relative(drive.odometry[end, 1:], np.zeros(3)))
+    for number, (stamp, *_) in enumerate(drive.odometry.tolist()):
+        if is_silent and begin <= number < end:
+            continue
+        read = drive.odometry[begin if begin <= number < end else number, 1:]
+        mapper.add_odometry(stamp, compose(put_down, read) if number >= end else read)
+        if number % SWEEP_STEPS == 0:
+            mapper.add_scan(stamp, swept(drive.true_at(stamp), number))
+    return mapper
+
+
+def test_robot_that_is_carried_in_sight_of_its_laser_is_followed() -> None:
+    drive = Drive.around_the_pillar(11.0)
+    mapper = carried(drive, 400, 500, is_silent=False)
+    assert (mapper.slips_noticed, mapper.slips_not_undone, mapper.gaps_open) == (1, 0, 0)
+    assert mapper.is_certain
+    off_m = errors_m(drive, mapper)
+    assert off_m[400:500].max() < 0.2  # there, odometry is off by more than a metre
+    assert off_m[510:].max() < 0.06
+
+
+def test_robot_that_stops_dead_in_a_short_silence_may_have_been_carried() -> None:
+    drive = Drive.around_the_pillar(12.0)
+    mapper = carried(drive, 450, 500, is_silent=True)
+    assert (mapper.gaps_noticed, mapper.gaps_open) == (1, 0)
+    assert errors_m(drive, mapper)[-40:].max() < 0.06
+
+
 def test_drive_without_a_gap_has_none() -> None:
     mapper = run(GridMapper(), Drive.around_the_pillar(4.0), (0, 0))
     assert mapper.gaps_noticed == 0
