@@ -167,8 +167,8 @@ class OperatorStation(StationModule):
             self._remember()
         refused = self._website.foreign_requests
         told = f", {refused} requests from pages of other sites refused" if refused else ""
-        if failed := self._website.failed_decoders:
-            told += f", the video decoders of pages failed {failed} times"
+        if failed := self._website.failed_videos:
+            told += f", the video of pages failed {failed} times"
         self.status = f"{self.address}, {self._website.open_pages} pages open{told}"
 
     def teardown(self) -> None:

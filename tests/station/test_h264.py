@@ -25,7 +25,7 @@ from robbie_mp.station.live.h264 import (
     VideoStream,
     VideoStreams,
 )
-from robbie_mp.station.live.video import VideoFollower
+from robbie_mp.station.live.video import COST_LIMIT_S, NetworkCost, VideoFollower, WantedVideo
 from robbie_mp.station.watch.latest import Latest
 from robbie_mp.station.watch.pictures import NewestPicture
 
@@ -246,3 +246,79 @@ def test_encoder_that_fails_ends_the_streams(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(av.CodecContext, "create", fail)
     with pytest.raises(VideoFailed, match="no libx264"):
         VideoStream("eye", 1).encode(image_of(halves()), GRADE)
+
+
+def failing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_args: object, **_more: object) -> None:
+        raise av.error.MemoryError(12, "no memory")
+
+    monkeypatch.setattr(av.VideoFrame, "from_ndarray", fail)
+
+
+def test_picture_that_cannot_be_encoded_is_counted_told_and_ends_no_other_stream(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def steps() -> None:
+        eye, streams = Eye(), VideoStreams(LOG)
+        follower, other = eye.follower(streams), eye.follower(streams)
+
+        async def next_of(one: VideoFollower, decoder: int, width: int = 640) -> dict[str, Any]:
+            one.hear(f'{{"want": {{"eye": {width}}}, "decodes": ["eye", {decoder}]}}')
+            eye.take()
+            return await eye.next_of(one)
+
+        assert (await next_of(follower, 1))["video"]["number"] == 0
+        with monkeypatch.context() as broken:
+            failing(broken)
+            failed = await next_of(follower, 1)
+        assert (failed["type"], streams.failures) == ("image/jpeg", 1)
+        assert "no memory" in failed["note"]
+        assert (await next_of(other, 1))["video"]["number"] == 0
+        # The decoder expects picture 1, so the stream must not begin again for it.
+        assert "no memory" in (await next_of(follower, 1, 500))["note"]
+        assert (await next_of(follower, 2))["video"] == {"decoder": 2, "number": 0, "is_key": True}
+        follower.go()
+        other.go()
+
+    run(steps())
+
+
+def test_page_that_found_no_room_says_so_and_gets_its_stream_when_there_is_some() -> None:
+    async def steps() -> None:
+        eye, streams = Eye(), VideoStreams(LOG)
+        lost = [
+            streams.open("eye", 1) for _ in range(MAX_STREAMS)
+        ]  # of connections that are not known as lost
+        follower = eye.follower(streams)
+        follower.hear('{"want": {"eye": 640}, "decodes": ["eye", 1]}')
+        eye.take()
+        assert f"{MAX_STREAMS} other pages" in (await eye.next_of(follower))["note"]
+        assert lost[0] is not None
+        streams.close(lost[0])
+        eye.take()
+        assert (await eye.next_of(follower))["video"] == {"decoder": 1, "number": 0, "is_key": True}
+        follower.go()
+
+    run(steps())
+
+
+def test_picture_of_a_very_odd_shape_is_a_stream() -> None:
+    pixels = np.zeros((1, 5_000_000, 3), np.uint8)
+    assert video_of(VideoStream("eye", 1).encode(image_of(pixels), VIDEO_GRADES[0]))["is_key"]
+
+
+def test_large_picture_is_reduced_without_a_change_of_place_or_colour() -> None:
+    shown = Page().decode(VideoStream("eye", 1).encode(image_of(halves(1999, 1500)), GRADE)[0])
+    assert shown.shape == (480, 640, 3)
+    assert np.abs(shown[240, 312].astype(int) - RED).max() < 12
+    assert np.abs(shown[240, 328].astype(int) - GREEN).max() < 12
+
+
+def test_small_pictures_that_a_slow_network_lets_pass_at_once_bring_no_jam() -> None:
+    video, cost = WantedVideo("eye", 1280), NetworkCost()
+    video.use(VIDEO_GRADES)
+    video.grade = len(VIDEO_GRADES) - 1
+    for _ in range(20):
+        cost.add(1700, 0.0)
+    grade = VIDEO_GRADES[video.choose(cost, COST_LIMIT_S)]
+    assert grade.typical < 5 * 1.7

@@ -75,7 +75,7 @@ def test_decoder_that_fails_falls_back_to_jpeg_within_a_second_and_comes_back(
     page.wait_for_function("window.fallback_ms")
     assert page.evaluate("window.fallback_ms") <= 1e3 * FALLBACK_S
     page.wait_for_selector(f".camera-picture .picture-note:has-text('{told}')")
-    wait_until(lambda: "video decoders of pages failed 1 times" in robot.top()["operator"]["status"])
+    wait_until(lambda: "video of pages failed 1 times" in robot.top()["operator"]["status"])
     page.evaluate("window.repair()")
     page.wait_for_function(IS_STREAM)
     page.wait_for_selector(".camera-picture .picture-note", state="detached")
@@ -103,3 +103,15 @@ def test_page_without_a_decoder_shows_jpeg(robot: Robot) -> None:
         first_s = page.evaluate("window.picture_to_drive_by.born_s")
         page.wait_for_function("(first_s) => window.picture_to_drive_by.born_s > first_s + 2", arg=first_s)
         assert page.evaluate(IS_JPEG)
+
+
+def test_picture_that_the_browser_cannot_decode_is_told_and_does_not_look_new(robot: Robot) -> None:
+    robot.write_profile(PROFILE)
+    robot.start()
+    with browser() as started, page_of(started, address_of(robot), script=NO_DECODER) as page:
+        page.wait_for_function(f"{IS_JPEG} && window.picture_to_drive_by")
+        page.evaluate("() => { window.Blob = class extends Blob { constructor() { super(['x']); } }; }")
+        page.wait_for_selector(".camera-picture .no-picture:has-text('cannot decode')")
+        born_s = page.evaluate("window.picture_to_drive_by.born_s")
+        page.wait_for_timeout(500)
+        assert page.evaluate("window.picture_to_drive_by.born_s") == born_s

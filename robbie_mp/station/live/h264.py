@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from robbie_mp.attached.views.image_pixels import pixels_of, pixels_of_file
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.extras import how_to_install
@@ -19,6 +21,7 @@ from robbie_mp.messages import CompressedImage, Image
 
 if TYPE_CHECKING:
     from av.video.codeccontext import VideoCodecContext
+    from numpy.typing import NDArray
 
 RATE_HZ = 10
 """Pictures a second for which the encoder counts its bits: each gets its share, however late it is."""
@@ -37,6 +40,15 @@ MAX_REASON = 200
 
 class VideoFailed(RobbieError, RuntimeError):
     """A picture cannot be encoded as H.264.
+
+    Example scenarios:
+      - a picture is a million times as wide as it is high
+      - memory is short
+    """
+
+
+class NoEncoder(VideoFailed):
+    """The robot cannot encode H.264 at all.
 
     Example scenarios:
       - PyAV is not installed
@@ -91,11 +103,12 @@ class VideoStream:
         Raises:
             NoPicture: the image has another encoding, or is damaged.
             VideoFailed: it cannot be encoded.
+            NoEncoder: nothing can.
         """
         try:
             import av  # noqa: PLC0415 - an extra
         except ImportError:
-            raise VideoFailed(f"PyAV is missing: {how_to_install('video')}") from None
+            raise NoEncoder(f"PyAV is missing: {how_to_install('video')}") from None
         if isinstance(image, Image):
             pixels = pixels_of(image)
         else:
@@ -103,6 +116,7 @@ class VideoStream:
         rows, columns = pixels.shape[:2]
         share = min(1.0, grade.pixels / max(rows, columns))
         width, height = _even(share * columns), _even(share * rows)
+        pixels = _reduced(pixels, int(1.0 / share))
         try:
             if self._encoder is None or self._made_for != (grade, width, height):
                 self._encoder, self._made_for = _encoder(grade, width, height), (grade, width, height)
@@ -124,7 +138,7 @@ class VideoStreams:
         log: gets why pages get JPEG; its rate should be limited.
 
     Attributes:
-        failures: number of decoders of pages that failed.
+        failures: number of decoders of pages, and of encoders, that failed.
     """
 
     def __init__(self, log: logging.Logger):
@@ -145,9 +159,18 @@ class VideoStreams:
         """End a stream."""
         self._open.discard(stream)
 
-    def cannot_encode(self, error: VideoFailed) -> None:
-        """Begin no more streams, and say so once."""
-        if self._can_encode:
+    @property
+    def why_not(self) -> str:
+        """What a page without a stream should say; '' if there is room, or the robot has no video."""
+        is_full = self._can_encode and len(self._open) >= MAX_STREAMS
+        return f"JPEG: {MAX_STREAMS} other pages have the video" if is_full else ""
+
+    def failed(self, error: VideoFailed) -> None:
+        """Count an encoder that failed; if there is none, begin no more streams, and say so once."""
+        if not isinstance(error, NoEncoder):
+            self.failures += 1
+            self._log.warning("a page shows JPEG, because its video cannot be encoded: %s", error)
+        elif self._can_encode:
             self._can_encode = False
             self._log.info("the page's video is JPEG: %s", error)
 
@@ -157,6 +180,13 @@ class VideoStreams:
         self._log.warning("a page shows JPEG, because it cannot decode its video: %.*r", MAX_REASON, reason)
 
 
+def _reduced(pixels: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """Return the averages of squares of pixels. PyAV would copy them all under the interpreter's lock."""
+    from PIL import Image as PillowImage  # noqa: PLC0415 - an extra
+
+    return pixels if factor < 2 else np.asarray(PillowImage.fromarray(pixels).reduce(factor))
+
+
 def _even(length: float) -> int:
     return max(2, 2 * round(length / 2))
 
@@ -164,7 +194,10 @@ def _even(length: float) -> int:
 def _encoder(grade: VideoGrade, width: int, height: int) -> VideoCodecContext:
     import av  # noqa: PLC0415 - an extra
 
-    made = av.CodecContext.create("libx264", "w")
+    try:
+        made = av.CodecContext.create("libx264", "w")
+    except (av.FFmpegError, ValueError) as error:
+        raise NoEncoder(f"PyAV has no libx264: {error}") from error
     bit_per_s = round(8000 * grade.typical * RATE_HZ)
     made.width, made.height, made.pix_fmt = width, height, "yuv420p"
     made.time_base, made.framerate = Fraction(1, RATE_HZ), Fraction(RATE_HZ)

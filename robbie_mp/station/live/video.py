@@ -44,6 +44,8 @@ FULL_SHARE = 0.5
 """A picture of a stream with this share of the size that its grade allows is as good as full."""
 LEAST_BYTES = 1500
 """A smaller picture counts as this many bytes: the browser delays it, not the network."""
+SHORTEST_WAY_S = 0.01
+"""A shorter way tells nothing of the network, which lets a few bytes pass at once, however slow it is."""
 LONGEST_WAIT_S = 1.0
 """Longest time between two pictures, whatever they cost."""
 MAX_AHEAD = 3
@@ -86,8 +88,9 @@ class NetworkCost:
         """
         if way_s > JAM_S:
             self._s_per_byte.clear()
-        least = 0.0 if is_full else self.of(1.0) or 0.0
-        self._s_per_byte.append(max(way_s / max(LEAST_BYTES, size), least))
+        size = max(LEAST_BYTES, size)
+        known = None if is_full else self.of(1.0)
+        self._s_per_byte.append(max(way_s / size, SHORTEST_WAY_S / size if known is None else known))
 
     def of(self, size: float) -> float | None:
         """Return what a picture of some size costs, s; None: nothing is known yet."""
@@ -147,6 +150,10 @@ class VideoFollower:
     def __init__(self, cameras: Callable[[], Mapping[str, NewestPicture]], streams: VideoStreams):
         self._cameras, self._streams = cameras, streams
         self._stream: VideoStream | None = None
+        self._asked: object = None
+        """The stream that the page wants: `[camera, number of its decoder]`, unless it is ill-formed."""
+        self._why = ""
+        """Why that stream has failed here."""
         self._wanted: dict[str, WantedVideo] = {}
         self._ends: list[Callable[[], None]] = []
         self._cost = NetworkCost()
@@ -167,7 +174,7 @@ class VideoFollower:
             return
         if isinstance(said, dict) and isinstance(said.get("want"), dict):
             self._want(said["want"])
-            self._begin_stream(said.get("decodes"))
+            self._ask(said.get("decodes"))
             if isinstance(reason := said.get("failed"), str):
                 self._streams.page_failed(reason)
         elif isinstance(said, dict) and self._flying:
@@ -187,14 +194,22 @@ class VideoFollower:
             one.pixels = kept[name]
         self._listen()
 
-    def _begin_stream(self, wanted: object) -> None:
-        """Begin the stream that a page wants, if it is another one: `[camera, number of its decoder]`."""
-        if self._stream is not None and wanted == [self._stream.camera, self._stream.decoder]:
-            return
-        self._end_stream()
-        match wanted:
-            case [str(camera), int(decoder)] if camera in self._wanted:
-                self._stream = self._streams.open(camera, decoder)
+    def _ask(self, asked: object) -> None:
+        if asked != self._asked:
+            self._end_stream()
+            self._asked, self._why = asked, ""
+
+    def _stream_of(self, camera: str, source: NewestPicture) -> tuple[VideoStream | None, str]:
+        """Return the stream to which the next picture belongs, and what the page should say if there is none.
+
+        A stream that has failed does not begin again: the page's decoder has seen some of its pictures.
+        """
+        match self._asked:
+            case [str(name), int(decoder)] if name == camera and source.can_be_video:
+                if self._stream is None and not self._why:
+                    self._stream = self._streams.open(camera, decoder)
+                return self._stream, self._why or self._streams.why_not
+        return None, ""
 
     def _end_stream(self) -> None:
         if self._stream is not None:
@@ -253,9 +268,8 @@ class VideoFollower:
         return max(wait_s, self._free_s - now_s), chosen
 
     async def _packet(self, wanted: WantedVideo) -> bytes:
-        source, stream = self._cameras()[wanted.name], self._stream
-        if stream is not None and (stream.camera != wanted.name or not source.can_be_video):
-            stream = None
+        source = self._cameras()[wanted.name]
+        stream, note = self._stream_of(wanted.name, source)
         is_large = next(iter(self._wanted.values())) is wanted
         wanted.use(GRADES if stream is None else VIDEO_GRADES)
         wanted.grade = wanted.choose(self._cost, COST_LIMIT_S if is_large else SMALL_COST_S)
@@ -272,7 +286,8 @@ class VideoFollower:
         if not self._flying:
             self._drawn_s = now_s
         self._flying.append((size, is_full))
-        about = {"camera": wanted.name, "sent_s": now_s, **picture.about}
+        note = note if stream is None else self._why
+        about = {"camera": wanted.name, "sent_s": now_s, "note": note, **picture.about}
         return packed({"about": json.dumps(about).encode(), "picture": picture.data})
 
     async def _encoded(self, source: NewestPicture, stream: VideoStream | None, grade: int) -> GradedPicture:
@@ -281,7 +296,9 @@ class VideoFollower:
                 encode = partial(stream.encode, grade=VIDEO_GRADES[grade])
                 return await asyncio.to_thread(source.encode, encode)
             except VideoFailed as error:
-                self._streams.cannot_encode(error)
-                self._end_stream()
+                self._streams.failed(error)
+                if stream is self._stream:
+                    self._end_stream()
+                    self._why = f"JPEG: {error}"
                 grade = FIRST
         return await asyncio.to_thread(source.encoded, GRADES[grade])

@@ -31,8 +31,9 @@ export default {
       if (picture === null) return;
       const is_frame = !(picture instanceof Blob);
       const [width, height] = is_frame ? this.paint(picture) : await this.load(picture);
+      if (!width) return (this.reason = "the browser cannot decode it");
       this.is_frame = is_frame;
-      if (width) (this.$el.closest(".camera-card") ?? this.$el.parentElement)?.style.setProperty("--ratio", width / height);
+      (this.$el.closest(".camera-card") ?? this.$el.parentElement)?.style.setProperty("--ratio", width / height);
       this.born_s = born_s;
       if (this.drives) window.picture_to_drive_by = { element: this.$el, born_s: this.born_s };
       this.grow();

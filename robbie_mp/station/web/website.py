@@ -270,8 +270,8 @@ class Website:
         return self._gate.foreign
 
     @property
-    def failed_decoders(self) -> int:
-        """Number of decoders of pages that could not decode the video."""
+    def failed_videos(self) -> int:
+        """How often a picture could not be encoded here, or decoded by a page."""
         return self._streams.failures
 
     def start(self) -> None:

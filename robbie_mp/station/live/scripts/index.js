@@ -143,7 +143,7 @@ class Video {
     const picture = about.video
       ? await this.decoder?.decode(about.video, parts.picture)
       : about.reason ? null : new Blob([parts.picture], { type: about.type });
-    if (!about.video) about.note = this.decoder?.note(about.camera);
+    if (!about.video) about.note ||= this.decoder?.note(about.camera);
     if (picture || about.reason) await Promise.all(shown.map(({ show }) => show(picture, about)));
     picture?.close?.();
     return JSON.stringify({ way_s });
