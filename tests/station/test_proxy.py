@@ -40,7 +40,7 @@ TABS = '{cameras: "", map: "", drive: ""}'
 SOCKETS = """proxy_http_version 1.1;
         proxy_set_header Upgrade $http_upgrade;
         proxy_set_header Connection "upgrade";"""
-PICTURE = "[...document.querySelectorAll('.newest-image img')].some((one) => one.naturalWidth > 0)"
+PICTURE = "document.querySelector('.newest-image .picture-age')"
 MAP = "document.querySelector('#map-text').innerText.length > 0"
 REFUSED = (
     "WebSocket connection to",

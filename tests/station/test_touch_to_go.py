@@ -212,7 +212,7 @@ def proposed(page: Page, across: float = SEEN[0], down: float = SEEN[1]) -> None
     page.wait_for_selector(".camera-picture .picture-age")
     page.wait_for_function("window.did_handshake && window.socket.connected")
     page.wait_for_selector(".floor")
-    wait_until(lambda: page.evaluate("document.querySelector('.camera-picture img').naturalWidth") > 0)
+    page.wait_for_function("window.picture_to_drive_by")
     pressed(page, across, down)
     page.wait_for_selector("#floor-go")
 
@@ -342,9 +342,7 @@ def test_place_is_chosen_by_the_keyboard_and_escape_only_cancels(floor: FloorTes
     goals = len(floor.told("goal"))
     with floor.open(started) as page:
         page.wait_for_function("window.did_handshake && window.socket.connected")
-        wait_until(
-            lambda: page.evaluate("document.querySelector('.camera-picture img')?.naturalWidth ?? 0") > 0
-        )
+        page.wait_for_function("window.picture_to_drive_by")
         page.keyboard.press("j")
         page.wait_for_selector("#floor-aim:focus")
         for key in ("ArrowUp", "ArrowUp", "ArrowLeft"):
@@ -441,7 +439,7 @@ def test_robot_drives_to_the_place_that_was_pressed(robot: Robot) -> None:
     assert goal_x_m > START_X_M + 1.0
     with browser() as one, page_of(one, address_of(robot)) as page:
         page.wait_for_selector(".camera-picture .picture-age")
-        wait_until(lambda: page.evaluate("document.querySelector('.camera-picture img').naturalWidth") > 0)
+        page.wait_for_function("window.picture_to_drive_by")
         for _ in range(20):  # until mapping, navigation and camera are all there, also on a busy machine
             pressed(page, 0.5, SEEN_BELOW)
             page.wait_for_selector(f"#floor-go, {NOTE}")
