@@ -25,7 +25,13 @@ from robbie_mp.station.live.h264 import (
     VideoStream,
     VideoStreams,
 )
-from robbie_mp.station.live.video import COST_LIMIT_S, NetworkCost, VideoFollower, WantedVideo
+from robbie_mp.station.live.video import (
+    COST_LIMIT_S,
+    SHORTEST_WAY_S,
+    NetworkCost,
+    VideoFollower,
+    WantedVideo,
+)
 from robbie_mp.station.watch.latest import Latest
 from robbie_mp.station.watch.pictures import NewestPicture
 
@@ -315,7 +321,7 @@ def test_large_picture_is_reduced_without_a_change_of_place_or_colour() -> None:
 
 
 def test_small_pictures_that_a_slow_network_lets_pass_at_once_bring_no_jam() -> None:
-    video, cost = WantedVideo("eye", 1280), NetworkCost()
+    video, cost = WantedVideo("eye", 1280), NetworkCost(SHORTEST_WAY_S)
     video.use(VIDEO_GRADES)
     video.grade = len(VIDEO_GRADES) - 1
     for _ in range(20):

@@ -45,7 +45,7 @@ FULL_SHARE = 0.5
 LEAST_BYTES = 1500
 """A smaller picture counts as this many bytes: the browser delays it, not the network."""
 SHORTEST_WAY_S = 0.01
-"""A shorter way tells nothing of the network, which lets a few bytes pass at once, however slow it is."""
+"""A picture's shorter way tells nothing of the network, which lets a few bytes pass at once."""
 LONGEST_WAIT_S = 1.0
 """Longest time between two pictures, whatever they cost."""
 MAX_AHEAD = 3
@@ -73,8 +73,13 @@ FIRST = 5
 
 @dataclass
 class NetworkCost:
-    """What pictures cost the network, by what the page says."""
+    """What pictures or packets cost the network, by what the page says.
 
+    Args:
+        shortest_way_s: a shorter way says no more than this.
+    """
+
+    shortest_way_s: float = 0.0
     _s_per_byte: deque[float] = field(default_factory=lambda: deque(maxlen=ESTIMATES))
 
     def add(self, size: int, way_s: float, *, is_full: bool = True) -> None:
@@ -90,7 +95,7 @@ class NetworkCost:
             self._s_per_byte.clear()
         size = max(LEAST_BYTES, size)
         known = None if is_full else self.of(1.0)
-        self._s_per_byte.append(max(way_s / size, SHORTEST_WAY_S / size if known is None else known))
+        self._s_per_byte.append(max(way_s / size, self.shortest_way_s / size if known is None else known))
 
     def of(self, size: float) -> float | None:
         """Return what a picture of some size costs, s; None: nothing is known yet."""
@@ -156,7 +161,7 @@ class VideoFollower:
         """Why that stream has failed here."""
         self._wanted: dict[str, WantedVideo] = {}
         self._ends: list[Callable[[], None]] = []
-        self._cost = NetworkCost()
+        self._cost = NetworkCost(SHORTEST_WAY_S)
         self._flying: deque[tuple[int, bool]] = deque()
         """Of the pictures that the page has not yet drawn: size (bytes), and whether they are full."""
         self._free_s = -math.inf
