@@ -286,7 +286,8 @@ class VideoFollower:
         if stream is None:
             wanted.sizes[wanted.grade] = size
         cost_s = self._cost.of(size) or 0.0
-        share = USED_SHARE if cost_s <= COST_LIMIT_S else SLOW_SHARE
+        is_coarsest = wanted.grade == len(wanted.grades) - 1
+        share = SLOW_SHARE if is_coarsest and cost_s > COST_LIMIT_S else USED_SHARE
         self._free_s = now_s + min(LONGEST_WAIT_S, cost_s / share)
         if not self._flying:
             self._drawn_s = now_s
