@@ -72,7 +72,7 @@ wheels: .venv/wheels
 	.venv/bin/python -m tools.wheels dist/*.tar.gz $(PYTHONS)
 
 bench: .venv/bench
-	.venv/bin/python -m tools.bench --json docs/benchmarks.json --report docs
+	.venv/bin/python -m tools.bench --standard --json docs/benchmarks.json --report docs
 
 .venv/robot: $(INSTALLED)
 	$(PYTHON) -m venv .venv

@@ -80,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--standard",
         action="store_true",
-        help="one table beside all installed peers, in a quarter of an hour",
+        help="one table beside all installed peers, in 20 minutes",
     )
     add("--quick", action="store_true", help="take less than 30 s for each benchmark")
     add("--json", type=Path, metavar="FILE", help="also write the results to this file")

@@ -1,4 +1,4 @@
-"""The standard comparison: one table beside every peer that is installed, in a quarter of an hour."""
+"""The standard comparison: one table beside every peer that is installed, in 20 minutes."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
