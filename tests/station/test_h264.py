@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from robbie_mp.attached.views.image_pixels import NoPicture
+from robbie_mp.base.extras import how_to_install
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.station.live.h264 import (
     KEY_PERIOD,
@@ -146,7 +147,7 @@ def test_missing_library_is_said_once_and_the_page_gets_jpeg(
 
     run(steps())
     assert [record.levelname for record in caplog.records] == ["INFO"]
-    assert "robbie-mp[video]" in caplog.text
+    assert how_to_install("video") in caplog.text
 
 
 class Eye:
