@@ -53,7 +53,7 @@ def image_of(pixels: NDArray[np.uint8], encoding: str = "rgb8") -> Image:
     return Image(height=height, width=width, encoding=encoding, step=step, data=pixels.ravel())
 
 
-class Page:
+class StreamDecoder:
     """Decodes what a stream sends, as a browser does."""
 
     def __init__(self) -> None:
@@ -72,7 +72,7 @@ def video_of(found: tuple[bytes, Mapping[str, object]]) -> dict[str, Any]:
 
 
 def test_page_gets_each_picture_at_once_and_in_its_colours() -> None:
-    stream, page = VideoStream("eye", 7), Page()
+    stream, page = VideoStream("eye", 7), StreamDecoder()
     for number, left in enumerate([RED, GREEN, RED]):
         data, about = stream.encode(image_of(halves(left=left)), GRADE)
         assert about == {"video": {"decoder": 7, "number": number, "is_key": number == 0}}
@@ -88,7 +88,7 @@ def test_picture_stands_alone_at_least_every_few_seconds() -> None:
 
 
 def test_camera_that_changes_its_size_restarts_the_encoder() -> None:
-    stream, page = VideoStream("eye", 1), Page()
+    stream, page = VideoStream("eye", 1), StreamDecoder()
     sizes = [(320, 240), (320, 240), (641, 479), (641, 479), (2, 2), (320, 240)]
     found = [stream.encode(image_of(halves(*size)), GRADE) for size in sizes]
     assert [video_of(one)["is_key"] for one in found] == [True, False, True, False, True, True]
@@ -109,7 +109,7 @@ def test_coarser_grade_is_smaller_and_begins_with_a_picture_that_stands_alone() 
 
 
 def test_grey_and_compressed_images_are_streams_too() -> None:
-    page, stream = Page(), VideoStream("eye", 1)
+    page, stream = StreamDecoder(), VideoStream("eye", 1)
     grey = image_of(halves()[:, :, 0].copy(), "mono8")
     assert abs(int(page.decode(stream.encode(grey, GRADE)[0])[120, 40, 0]) - RED[0]) < 12
     file = io.BytesIO()
@@ -137,7 +137,7 @@ def test_missing_library_is_said_once_and_the_page_gets_jpeg(
     caplog.set_level(logging.INFO)
 
     async def steps() -> None:
-        eye, streams = Eye(), VideoStreams(LOG)
+        eye, streams = StreamedCamera(), VideoStreams(LOG)
         for _ in range(2):
             follower = eye.follower(streams)
             follower.hear('{"want": {"eye": 640}, "decodes": ["eye", 1]}')
@@ -150,7 +150,7 @@ def test_missing_library_is_said_once_and_the_page_gets_jpeg(
     assert how_to_install("video") in caplog.text
 
 
-class Eye:
+class StreamedCamera:
     """A camera."""
 
     def __init__(self) -> None:
@@ -178,7 +178,7 @@ def run(steps: Coroutine[Any, Any, None]) -> None:
 
 def test_new_decoder_begins_with_a_picture_that_stands_alone_and_a_failed_one_gets_jpeg() -> None:
     async def steps() -> None:
-        eye, streams = Eye(), VideoStreams(LOG)
+        eye, streams = StreamedCamera(), VideoStreams(LOG)
         follower = eye.follower(streams)
 
         async def next_after(text: str = "") -> dict[str, Any]:
@@ -202,7 +202,7 @@ def test_new_decoder_begins_with_a_picture_that_stands_alone_and_a_failed_one_ge
 
 def test_pictures_that_the_network_has_no_room_for_are_not_encoded() -> None:
     async def steps() -> None:
-        eye = Eye()
+        eye = StreamedCamera()
         follower = eye.follower(VideoStreams(LOG))
         follower.hear('{"want": {"eye": 640}, "decodes": ["eye", 1]}')
         numbers = []
@@ -218,7 +218,7 @@ def test_pictures_that_the_network_has_no_room_for_are_not_encoded() -> None:
 
 def test_other_cameras_and_depths_stay_jpeg() -> None:
     async def steps() -> None:
-        eye = Eye()
+        eye = StreamedCamera()
         follower = eye.follower(VideoStreams(LOG))
         follower.hear('{"want": {"eye": 640, "rear": 200}, "decodes": ["eye", 1]}')
         eye.take()
@@ -236,7 +236,7 @@ def test_other_cameras_and_depths_stay_jpeg() -> None:
 @pytest.mark.parametrize("wanted", ['"eye"', '["eye"]', '["nose", 1]', '["eye", "1"]', "[[], {}]", "7"])
 def test_ill_formed_wish_for_a_stream_gets_jpeg(wanted: str) -> None:
     async def steps() -> None:
-        eye = Eye()
+        eye = StreamedCamera()
         follower = eye.follower(VideoStreams(LOG))
         follower.hear(f'{{"want": {{"eye": 640}}, "decodes": {wanted}, "failed": [1]}}')
         eye.take()
@@ -266,7 +266,7 @@ def test_picture_that_cannot_be_encoded_is_counted_told_and_ends_no_other_stream
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def steps() -> None:
-        eye, streams = Eye(), VideoStreams(LOG)
+        eye, streams = StreamedCamera(), VideoStreams(LOG)
         follower, other = eye.follower(streams), eye.follower(streams)
 
         async def next_of(one: VideoFollower, decoder: int, width: int = 640) -> dict[str, Any]:
@@ -292,7 +292,7 @@ def test_picture_that_cannot_be_encoded_is_counted_told_and_ends_no_other_stream
 
 def test_page_that_found_no_room_says_so_and_gets_its_stream_when_there_is_some() -> None:
     async def steps() -> None:
-        eye, streams = Eye(), VideoStreams(LOG)
+        eye, streams = StreamedCamera(), VideoStreams(LOG)
         lost = [
             streams.open("eye", 1) for _ in range(MAX_STREAMS)
         ]  # of connections that are not known as lost
@@ -315,7 +315,7 @@ def test_picture_of_a_very_odd_shape_is_a_stream() -> None:
 
 
 def test_large_picture_is_reduced_without_a_change_of_place_or_colour() -> None:
-    shown = Page().decode(VideoStream("eye", 1).encode(image_of(halves(1999, 1500)), GRADE)[0])
+    shown = StreamDecoder().decode(VideoStream("eye", 1).encode(image_of(halves(1999, 1500)), GRADE)[0])
     assert shown.shape == (480, 640, 3)
     assert np.abs(shown[240, 312].astype(int) - RED).max() < 12
     assert np.abs(shown[240, 328].astype(int) - GREEN).max() < 12

@@ -1,4 +1,4 @@
-"""Keys steer a playback by what they have ordered, also when they are quicker than its answers."""
+"""PressedKeys steer a playback by what they have ordered, also when they are quicker than its answers."""
 
 from types import SimpleNamespace
 from typing import cast
@@ -15,7 +15,7 @@ from robbie_mp.station.page import playback_bar
 from robbie_mp.station.page.playback_bar import ANSWERED_WITHIN_S, PlaybackBar
 
 
-class Keys:
+class PressedKeys:
     """The keys of a page beside a log of a minute; the playback answers when it is told to."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch):
@@ -41,7 +41,7 @@ class Keys:
 
 
 def test_second_press_begins_where_the_first_one_leads(monkeypatch: pytest.MonkeyPatch) -> None:
-    keys = Keys(monkeypatch)
+    keys = PressedKeys(monkeypatch)
     assert keys.press("-", "-", "+") == [("rate", 1.0), ("rate", 0.5), ("rate", 1.0)]
     assert keys.press("arrowright", "arrowright", "arrowleft") == [("seek", 25), ("seek", 30), ("seek", 25)]
     assert keys.press("k", "k", "k") == [("pause", 0), ("resume", 0), ("pause", 0)]
@@ -49,7 +49,7 @@ def test_second_press_begins_where_the_first_one_leads(monkeypatch: pytest.Monke
 
 
 def test_answer_counts_more_than_what_was_ordered(monkeypatch: pytest.MonkeyPatch) -> None:
-    keys = Keys(monkeypatch)
+    keys = PressedKeys(monkeypatch)
     keys.press("-")
     (order,) = keys.ordered()
     keys.latest.message = PlaybackState(end=Time(sec=60), rate=4.0, request=order.request, error="no")
@@ -57,7 +57,7 @@ def test_answer_counts_more_than_what_was_ordered(monkeypatch: pytest.MonkeyPatc
 
 
 def test_order_that_is_lost_or_refused_leads_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    keys = Keys(monkeypatch)
+    keys = PressedKeys(monkeypatch)
     keys.press("-")
     keys.now_s += ANSWERED_WITHIN_S
     assert keys.press("-") == [("rate", 1.0)]

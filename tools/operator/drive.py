@@ -74,7 +74,7 @@ SPEED = re.compile(r"(-?[\d.]+) m/s, (-?[\d.]+) rad/s")
 Place = tuple[float, float]
 
 
-class Lost(RuntimeError):
+class NotReached(RuntimeError):
     """The operator does not get to a place."""
 
 
@@ -128,7 +128,7 @@ class Sight:
         return math.dist(place, (x_m, y_m)), math.remainder(off_rad, 2 * math.pi)
 
 
-class Operator:
+class KeyboardOperator:
     """Drives by the keys of a page, by what it shows.
 
     Attributes:
@@ -155,7 +155,7 @@ class Operator:
                 self.ages_s.append(sight.age_s)
                 self.touches += sight.touches
                 return sight
-        raise Lost("the page does not show where the robot is")
+        raise NotReached("the page does not show where the robot is")
 
     def hold(self, *keys: str, ms: float = 0.0) -> None:
         """Hold these keys and no others, for some time at least."""
@@ -189,7 +189,7 @@ class Operator:
         until_s = time.monotonic() + LEG_LIMIT_S
         while (way := (sight := self.look()).towards(place))[0] > NEAR_M:
             if time.monotonic() > until_s:
-                raise Lost(f"{place} is still {way[0]:.1f} m away: {sight.why}")
+                raise NotReached(f"{place} is still {way[0]:.1f} m away: {sight.why}")
             self._steer(sight, way[1])
         self.stand()
 
@@ -215,16 +215,16 @@ class Operator:
                 self.turn(off_rad, AHEAD)
 
 
-def drive(page: Page) -> tuple[list[tuple[float, Place]], Operator]:
+def drive(page: Page) -> tuple[list[tuple[float, Place]], KeyboardOperator]:
     """Drive the whole way. Return when (s since 1970) the operator was at which place."""
-    operator, arrivals = Operator(page), []
+    operator, arrivals = KeyboardOperator(page), []
     page.bring_to_front()
     operator.stand()
     for corner in WAY:
         there = (LANE_M * corner[0], LANE_M * corner[1])
         try:
             operator.drive_to(there)
-        except Lost as error:
+        except NotReached as error:
             print(f"lost: {error}", file=sys.stderr)
             operator.hold()
             break

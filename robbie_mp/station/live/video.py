@@ -45,7 +45,7 @@ FULL_SHARE = 0.5
 LEAST_BYTES = 1500
 """A smaller picture counts as this many bytes: the browser delays it, not the network."""
 SHORTEST_WAY_S = 0.01
-"""A picture's shorter way tells nothing of the network, which lets a few bytes pass at once."""
+"""A shorter way says nothing about the network, which lets a few bytes pass at once."""
 LONGEST_WAIT_S = 1.0
 """Longest time between two pictures, whatever they cost."""
 MAX_AHEAD = 3

@@ -32,7 +32,7 @@ RATES = {0.25: "¼", 0.5: "½", 1.0: "1", 2.0: "2", 4.0: "4", 10.0: "10", math.i
 LEAP_S = 5.0
 """How far an arrow key goes back or ahead."""
 ANSWERED_WITHIN_S = 2.0
-"""An order of which the playback has told nothing for this time is taken to be lost."""
+"""If the playback has not answered an order within this time, the order counts as lost."""
 SHORTEST_S = 1.0
 """The smallest part of a log to which the time line can be enlarged."""
 BOOKMARK = "blue-3"

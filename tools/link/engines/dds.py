@@ -26,7 +26,7 @@ HEAD_BYTES = 8
 PATIENCE_S = 0.002
 
 
-class Packet(Message, name="link_msgs/msg/Packet", version=1):
+class TrialSample(Message, name="link_msgs/msg/TrialSample", version=1):
     """What crosses."""
 
     data: Array[uint8]  # (N,)
@@ -38,7 +38,7 @@ class Dds:
     def __init__(self, own: str, other: str, sends: list[str], on_message: OnMessage):
         self._domain = Domain(0, SETTINGS.format(other=other, unacknowledged=UNACKNOWLEDGED_BYTES))
         self._participant = DomainParticipant(0)
-        self._raw = raw_type(Packet)
+        self._raw = raw_type(TrialSample)
         self._writers, self._readers = {}, []
         for topic in KEPT:
             made = topic_of(self._participant, topic, self._raw)
@@ -62,9 +62,8 @@ class Dds:
             except DDSException as error:
                 if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                     raise
-            time.sleep(
-                PATIENCE_S
-            )  # not inside `write`, which waits with Python's lock, so nothing would be taken
+            # `write` would wait with the GIL, and nothing would be taken meanwhile.
+            time.sleep(PATIENCE_S)
 
 
 class Taking(Listener):  # type: ignore[misc, unused-ignore]

@@ -63,7 +63,7 @@ class PlainZenoh:
         self._subscribers = [self._subscribe(topic, on_message) for topic in KEPT if topic not in sends]
 
     def wait_for_room(self, topic: str) -> None:
-        """Return at once: Zenoh does not tell."""
+        """Return at once: Zenoh does not say when there is room."""
 
     def send(self, topic: str, data: bytes) -> None:
         """Send a message, or wait while its queue is full."""

@@ -21,7 +21,7 @@ MAX_DATA = 1 << 22
 HEAD_BYTES = 5
 
 
-class Protocol(QuicConnectionProtocol):  # type: ignore[misc, unused-ignore]
+class TrialConnection(QuicConnectionProtocol):  # type: ignore[misc, unused-ignore]
     """One side of the connection. A message in a stream has its class and its size in front."""
 
     engine: "Quic"
@@ -88,11 +88,11 @@ class Quic:
             connection.send_stream_data(self._streams[topic], head + data)
         self._protocol.transmit()
 
-    def _use(self, protocol: Protocol) -> None:
+    def _use(self, protocol: TrialConnection) -> None:
         protocol.engine, self._protocol = self, protocol
 
-    def _made(self, *arguments: object, **options: object) -> Protocol:
-        protocol = Protocol(*arguments, **options)
+    def _made(self, *arguments: object, **options: object) -> TrialConnection:
+        protocol = TrialConnection(*arguments, **options)
         self._use(protocol)
         return protocol
 

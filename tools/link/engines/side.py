@@ -51,7 +51,7 @@ class Engine(Protocol):
         """Send a message, or wait."""
 
 
-class Listener:
+class ArrivalJournal:
     """Writes down what arrives. Lines of its journal: G TOPIC NUMBER SENT_NS TIME."""
 
     def __init__(self, folder: Path):
@@ -71,7 +71,7 @@ class Listener:
             self._journal.note("G", topic, number, sent_ns)
 
 
-class Outbox:
+class ClassSender:
     """Sends the messages of one class, in a thread of its own."""
 
     def __init__(self, engine: Engine, topic: str):
@@ -98,7 +98,7 @@ def speak(engine: Engine, folder: Path, periods_s: Mapping[str, float]) -> None:
     """Send numbered messages until the process is killed. Lines of its journal: P TOPIC NUMBER TIME."""
     journal = Journal(folder / "speaker.journal")
     noise = np.random.default_rng(1).integers(0, 255, BULK_BYTES, np.uint8).tobytes()
-    outboxes = {topic: Outbox(engine, topic) for topic in periods_s}
+    outboxes = {topic: ClassSender(engine, topic) for topic in periods_s}
     numbers = dict.fromkeys(periods_s, 0)
     due_s = dict.fromkeys(periods_s, time.monotonic())
     while True:
@@ -117,7 +117,7 @@ def main(name: str, folder: Path, own: str, other: str, sends: str) -> None:
     """Run one side until it is killed."""
     periods_s: dict[str, float] = json.loads(sends)
     module = importlib.import_module(f"tools.link.engines.{name}")
-    engine: Engine = module.ENGINE(own, other, list(periods_s), Listener(folder).take)
+    engine: Engine = module.ENGINE(own, other, list(periods_s), ArrivalJournal(folder).take)
     speak(engine, folder, periods_s)
 
 
