@@ -170,7 +170,7 @@ def _measured(received: Sequence[memoryview]) -> list[int]:
 
 
 def _pair(topic: str, folder: Path, index: int, pairs: int, window_s: float) -> Work:
-    own, rate_hz = folder / f"pair-{index}", LOAD_HZ / pairs
+    own, rate_hz = folder / str(index), LOAD_HZ / pairs
     own.mkdir()
     return Work(f"{topic}-{index}", own, count=round(rate_hz * (window_s + SPARE_S)), rate_hz=rate_hz)
 

@@ -14,6 +14,8 @@ from tools.bench.work import Work
 
 BUFFER = 64
 """Maximum number of samples that wait for a subscriber."""
+FILES = "i"
+"""The folder of its sockets: a short name, because the path of a socket has at most 107 bytes."""
 
 
 class Probe(ctypes.Structure):
@@ -72,7 +74,7 @@ class Iceoryx2(Peer):
         """Remove this work's segments."""
         for file in Path("/dev/shm").glob(f"{work.topic}*"):
             file.unlink(missing_ok=True)
-        shutil.rmtree(work.folder / "iceoryx2", ignore_errors=True)
+        shutil.rmtree(work.folder / FILES, ignore_errors=True)
 
 
 def _message_type(work: Work) -> Any:
@@ -137,7 +139,7 @@ def open_node(work: Work) -> Any:
     iox2.set_log_level(iox2.LogLevel.Error)
     config = iox2.config.default()
     config.global_cfg.prefix = iox2.FileName.new(f"{work.topic}_")
-    config.global_cfg.root_path = iox2.Path.new(str(work.folder / "iceoryx2"))
+    config.global_cfg.root_path = iox2.Path.new(str(work.folder / FILES))
     return iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
 
 
