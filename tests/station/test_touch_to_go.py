@@ -428,7 +428,7 @@ TOLERANCE_M = 0.35
 
 
 @pytest.mark.alone
-def test_robot_drives_to_the_place_that_was_pressed(robot: Robot) -> None:
+def test_robot_drives_to_the_place_that_was_pressed(robot: Robot, started: Browser) -> None:
     """With the real camera model, mapping and navigation, and the true pose of the simulation."""
     (robot.folder / "zoo" / "witness.py").write_text((HERE / "_support" / "witness.py").read_text())
     robot.write_profile(SIMULATED)
@@ -437,7 +437,7 @@ def test_robot_drives_to_the_place_that_was_pressed(robot: Robot) -> None:
     slope = (SEEN_BELOW * geometry.height - 0.5 - geometry.centre_px[1]) / geometry.focal_length_px
     goal_x_m = START_X_M + geometry.mount_m[0] + geometry.mount_m[2] / slope
     assert goal_x_m > START_X_M + 1.0
-    with browser() as one, page_of(one, address_of(robot)) as page:
+    with page_of(started, address_of(robot)) as page:
         page.wait_for_selector(".camera-picture .picture-age")
         page.wait_for_function("window.picture_to_drive_by")
         for _ in range(20):  # until mapping, navigation and camera are all there, also on a busy machine
