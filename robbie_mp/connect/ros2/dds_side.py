@@ -307,7 +307,8 @@ class DdsSide:
             is_asked = not self.admission.is_open or channel in self.inbox.taps
             sender = self._sender(reader, handle) if is_asked else b""
             put = partial(self.inbox.put, channel, data, sent_ns, sender, time.monotonic_ns())
-            self.admission.take(sender, f"a message on {channel.name}", len(data), put)
+            what, is_latched = f"a message on {channel.name}", channel.quality.is_latched
+            self.admission.take(sender, what, len(data), put, is_latched)
 
         topic, message_type = self._topic(channel)
         self._asked[f"rt{channel.name}"] = channel

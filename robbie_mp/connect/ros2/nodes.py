@@ -25,7 +25,9 @@ ALL_SENDERS: Final = 4
 PREFIX_BYTES: Final = 12
 """An endpoint of DDS is known by its participant and its number there; one of Zenoh only by itself."""
 NAME_WAIT_S: Final = 2.0
-"""How long they wait."""
+"""How long they wait,"""
+LATCHED_WAIT_S: Final = 60.0
+"""and how long a latched message does: it comes once, and on a busy machine names come late."""
 NAMELESS: Final = "a node that does not tell its name"
 
 
@@ -126,7 +128,9 @@ class Admission:
                 self._prefixes = self.version, frozenset(one[: len(participant)] for one in self._known)
             return participant in self._prefixes[1]
 
-    def take(self, sender: bytes, what: str, size: int, deliver: Callable[[], None]) -> None:
+    def take(
+        self, sender: bytes, what: str, size: int, deliver: Callable[[], None], is_latched: bool = False
+    ) -> None:
         """Deliver what an endpoint has sent, now or when its node is known; or refuse it.
 
         Args:
@@ -134,6 +138,7 @@ class Admission:
             what: says in an error what it has sent.
             size: its size in bytes.
             deliver: called at most once, in any thread.
+            is_latched: whether it is a latched message, which its sender sends once.
         """
         if self.is_open:
             deliver()
@@ -142,7 +147,7 @@ class Admission:
             if sender in self._known:
                 deliver()
                 return
-            until_s = time.monotonic() + NAME_WAIT_S
+            until_s = time.monotonic() + (LATCHED_WAIT_S if is_latched else NAME_WAIT_S)
             one = _Waiting(sender, what, size, deliver, until_s)
             if sender in self._others or not self._make_room(one):
                 self.refuse(sender, what)

@@ -299,7 +299,8 @@ class ZenohSide:
         def put() -> None:
             self.inbox.put(channel, sample.payload.to_bytes(), sent_ns, sender, came_ns)
 
-        self.admission.take(sender, f"a message on {channel.name}", len(sample.payload), put)
+        what, is_latched = f"a message on {channel.name}", channel.quality.is_latched
+        self.admission.take(sender, what, len(sample.payload), put, is_latched)
 
     def _on_query(self, name: str, key: str, query: "zenoh.Query") -> None:
         attached = query.attachment and Attachment.decode(query.attachment.to_bytes())

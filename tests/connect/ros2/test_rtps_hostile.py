@@ -12,6 +12,7 @@ import pytest
 
 from robbie_mp.connect.ros2.nodes import (
     ALL_SENDERS,
+    LATCHED_WAIT_S,
     MAX_KNOWN,
     MAX_OF_ONE,
     MAX_OTHERS,
@@ -324,6 +325,22 @@ def test_what_a_node_without_a_name_sends_is_refused_after_a_while(monkeypatch: 
     monkeypatch.setattr(time, "monotonic", lambda: begun_s + 3.0)
     admission.look_after()
     assert (admission.refused, delivered) == (1, [])
+
+
+def test_latched_message_waits_longer_for_the_name_of_its_node_because_it_comes_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    admission, delivered = Admission(["/slam"], MAX_BYTES), []
+    admission.take(b"a", "a map", 1, lambda: delivered.append("a map"), is_latched=True)
+    admission.take(b"b", "a map", 1, lambda: delivered.append("another map"), is_latched=True)
+    begun_s = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: begun_s + LATCHED_WAIT_S - 1.0)
+    admission.look_after()
+    admission.tell(b"participant", {b"a": "/slam"})
+    assert (admission.refused, delivered) == (0, ["a map"])
+    monkeypatch.setattr(time, "monotonic", lambda: begun_s + LATCHED_WAIT_S + 1.0)
+    admission.look_after()
+    assert (admission.refused, delivered) == (1, ["a map"])
 
 
 def test_endpoint_that_is_not_reliable_or_has_another_type_is_counted_once() -> None:
