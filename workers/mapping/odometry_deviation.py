@@ -78,8 +78,15 @@ class OdometryDeviation:
         return np.array([dx * (1 + scale), dy * (1 + scale), heading])
 
     def over(self, moved: ArrayLike) -> NDArray[np.float64]:
-        """Return the standard deviation over a motion (x m, y m, heading rad)."""
-        return self.share * first_guess(moved)
+        """Return the standard deviation over a motion (x m, y m, heading rad).
+
+        It is at least what is not known yet of the systematic errors: a straight way teaches nothing of
+        turns. The first guess contains them.
+        """
+        by = _by_systematic(np.asarray(moved, float))
+        unknown = np.sqrt(np.diag(by @ self._covariance @ by.T))
+        deviation: NDArray[np.float64] = np.maximum(self.share * first_guess(moved), unknown)
+        return deviation
 
     def learn(
         self, step: ArrayLike, matched: ArrayLike, moved: NDArray[np.float64], known: NDArray[np.float64]
@@ -110,8 +117,7 @@ class OdometryDeviation:
         guess = first_guess(self._moved)
         share = self.share
         noise = noise / seen**2 + (share * guess) ** 2 * self._unseen / seen
-        dx, dy, turn = self._odometry
-        by = np.array([[dx, 0.0, 0.0], [dy, 0.0, 0.0], [0.0, np.hypot(dx, dy), turn]])
+        by = _by_systematic(_common(self._odometry, self._matched))
         systematic = by @ self._covariance @ by.T
         most = CUT * np.sqrt((share * guess) ** 2 + noise + np.diag(systematic))
         error = np.clip(off / seen, -most, most)
@@ -126,6 +132,18 @@ class OdometryDeviation:
     def interrupt(self) -> None:
         """Begin a new stretch, because the robot was found elsewhere."""
         self._begin(np.zeros(3))
+
+
+def _common(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the motion that both of two steps show: a turn that only one of them shows is noise."""
+    common: NDArray[np.float64] = np.sign(one) * np.minimum(np.abs(one), np.abs(other))
+    return np.where(one * other > 0, common, 0.0)
+
+
+def _by_systematic(step: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the derivatives of a step's error `(3, 3)` by scale, rad per m and rad per rad."""
+    dx, dy, turn = step
+    return np.array([[dx, 0.0, 0.0], [dy, 0.0, 0.0], [0.0, np.hypot(dx, dy), turn]])
 
 
 def first_guess(moved: ArrayLike) -> NDArray[np.float64]:
