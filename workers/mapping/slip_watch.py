@@ -224,7 +224,7 @@ class SlipWatch:
         apart = np.hypot(*(self._keys.poses - guess)[:, :2].T)
         near = np.flatnonzero(places & (apart < NEAR_M + window.distance_m))[::-1]
         reference = self._keys.spaced(near, MOST_SWEEPS)
-        if not reference:
+        if not reference or not sweep.shows_walls:  # people stand elsewhere in each sweep
             return None, False
         hits, owner = self._together(sweep, guess)
         surfaces = self._keys.lasting_surfaces(reference)
