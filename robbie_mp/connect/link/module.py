@@ -905,8 +905,8 @@ def _peer_state(peer: Peer, now_ns: int) -> LinkPeer:
         sessions=peer.sessions,
         round_trip_s=math.nan if trip_ns is None else trip_ns * NS,
         loss=peer.loss,
-        bandwidth_bytes_per_s=peer.window.bandwidth,
-        under_way_bytes=peer.window.under_way,
+        bandwidth_bytes_per_s=peer.bytes_per_s,
+        under_way_bytes=peer.under_way_bytes,
         newest_state_age_s=(now_ns - peer.newest_state_ns) * NS if peer.newest_state_ns else math.nan,
         clock_offset_s=offset.offset_ns * NS if offset else math.nan,
         clock_uncertainty_s=offset.uncertainty_ns * NS if offset else math.nan,
@@ -919,4 +919,4 @@ def _summary(peer: Peer, now_ns: int) -> str:
     if not peer.is_up(now_ns):
         return f"{peer.name} DOWN"
     trip_ns = peer.clock.round_trip_ns or 0
-    return f"{peer.name} {trip_ns / 1e6:.1f} ms, {peer.window.bandwidth / 1e6:.1f} MB/s, loss {peer.loss:.1%}"
+    return f"{peer.name} {trip_ns / 1e6:.1f} ms, {peer.bytes_per_s / 1e6:.1f} MB/s, loss {peer.loss:.1%}"

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from typing import Protocol
 
 from robbie_mp.connect.link.clock_offset import ClockOffset, Exchange
-from robbie_mp.connect.link.congestion import SendWindow
 from robbie_mp.connect.link.counts import DROPPED, RECEIVED, REFUSED, TAKEN, CountKey, CountRow, LinkCounts
 from robbie_mp.connect.link.header import MAX_COUNTS, Beat, ChannelId, DataHeader, ReceiverReport
 from robbie_mp.connect.link.receiving import Arrived, Fate, ReceiveStream
@@ -36,8 +35,6 @@ COPIED_LOSS = 0.01
 """If a larger share of datagrams is lost, commands and states are sent in several copies."""
 LEAST_COUNTED = 30
 """Datagrams by which the loss is measured."""
-MIN_STATE_BYTES = 32_000
-"""Bytes of states that may be under way however slow the link seems."""
 MAX_ROWS_REMEMBERED = 1024
 MAX_REPORT_COUNTS = 40
 """Channels of a report that fits into a datagram."""
@@ -45,8 +42,8 @@ TELL_NS = 2_000_000
 """While packets come, the other link is told that often what has arrived,"""
 TELL_BYTES = 128_000
 """and after that many bytes. The module's thread tells the rest with its next tick."""
-FULL_NS = 50_000_000
-"""After a packet that had to wait for room, the stream waits for a report, but no longer than this."""
+RATE_NS = 1_000_000_000
+"""How often it is measured how much arrives at the other link."""
 MAX_BURST = 1000
 """Packets sent in one go, before the link looks at what has arrived."""
 
@@ -62,8 +59,8 @@ class Network(Protocol):
         *,
         as_datagram: bool = False,
         at_once: bool = False,
-    ) -> bool:
-        """Send a packet; it may be lost without a word. Return False if there was no room for it at once.
+    ) -> None:
+        """Send a packet; it may be lost without a word.
 
         Args:
             robot: the receiver.
@@ -111,8 +108,11 @@ class Peer:
         self.stale = 0
         self.strange = 0
         self.uncounted = 0
-        self.window = SendWindow()
         self.clock = ClockOffset()
+        self.bytes_per_s = 0.0
+        """How much has lately arrived at the other link."""
+        self._arrived = (0, 0)
+        """How much had arrived when that was last measured, and when (ns)."""
         self.newest_state_ns = 0
         """When the newest state was published, by this robot's clock; 0: none has come."""
         self._own = own
@@ -122,7 +122,7 @@ class Peer:
         self._network = network
         self._handle_arrived = handle
         self.streams = {
-            traffic: SendStream(traffic, limits, self.window, self._transmit, self._address)
+            traffic: SendStream(traffic, limits, self.clock, self._transmit, self._address)
             for traffic in CLASSES
         }
         self._in_turn = tuple(self.streams.values())
@@ -144,8 +144,6 @@ class Peer:
         self._beat_sent_ns = 0
         self._beat_number = 0
         self._beats_sent: deque[int] = deque(maxlen=64)
-        self._is_full_until_ns = 0
-        """Nothing goes in the stream before, unless something arrives: the network had no room at once."""
         self.lost_there = 0.0
         """Ratio of lost datagrams of those that this link has sent."""
         self._lost_here = 0.0
@@ -202,30 +200,16 @@ class Peer:
         for stream in self._in_turn:
             if not (stream.waiting or stream.begun or stream.pending):  # `has_pending`, without a call
                 continue
-            if stream.traffic is TrafficClass.STATE:
-                if stream.under_way.bytes > self._state_limit(now_ns):
-                    continue
-            elif stream.manners.waits_for_room and (
-                now_ns < self._is_full_until_ns or not self.window.has_room(now_ns, stream.cut_bytes)
-            ):
-                return False
-            if stream.send_next(now_ns):
+            if stream.has_room(now_ns) and stream.send_next(now_ns):
                 return True
         return False
 
-    def _state_limit(self, now_ns: int) -> int:
-        """Return how many bytes of states may be under way."""
-        if self.window.is_late(now_ns):
-            return MIN_STATE_BYTES // 8
-        return max(self.window.limit, MIN_STATE_BYTES)
-
-    def _transmit(self, packet: DataHeader, payload: memoryview | bytes, now_ns: int) -> None:
+    def _transmit(self, packet: DataHeader, payload: memoryview | bytes, as_datagram: bool) -> None:
         header = packet
-        if not MANNERS[header.traffic].goes_as_datagrams:
+        if not as_datagram:
             # While others are under way, they go together: only few of Zenoh's batches may wait.
-            is_alone = self.window.under_way <= HEADER_BYTES + len(payload)
-            if not self._network.send(self.name, packet, payload, at_once=is_alone):
-                self._is_full_until_ns = now_ns + FULL_NS
+            is_alone = self.streams[header.traffic].under_way.bytes <= HEADER_BYTES + len(payload)
+            self._network.send(self.name, packet, payload, at_once=is_alone)
             return
         is_urgent = header.traffic is TrafficClass.URGENT
         for _ in range(1 if is_urgent or header.whole > MAX_REPEATED_BYTES else self._copies):
@@ -256,8 +240,22 @@ class Peer:
         if self.is_up(now_ns):
             for stream in self.streams.values():
                 stream.look_after(now_ns)
-            self.streams[TrafficClass.STATE].repeat_newest(now_ns, self._state_limit(now_ns))
+            self.streams[TrafficClass.STATE].repeat_newest(now_ns)
+            self.streams[TrafficClass.RELIABLE].pass_stalled(now_ns)
+        self._measure_rate(now_ns)
         self.pump(now_ns)
+
+    def _measure_rate(self, now_ns: int) -> None:
+        before, since_ns = self._arrived
+        if now_ns - since_ns >= RATE_NS:
+            arrived = sum(stream.under_way.arrived for stream in self._in_turn)
+            self.bytes_per_s = (arrived - before) * 1e9 / (now_ns - since_ns)
+            self._arrived = arrived, now_ns
+
+    @property
+    def under_way_bytes(self) -> int:
+        """How much has been sent, and no report says what has become of it."""
+        return sum(stream.under_way.bytes for stream in self._in_turn)
 
     def _beat(self, now_ns: int) -> None:
         self._beat_sent_ns = now_ns
@@ -371,8 +369,6 @@ class Peer:
         if report.about == self._own_session:
             if report.session == self.session and self._is_greeted:
                 stream = self.streams[report.traffic]
-                if not MANNERS[report.traffic].goes_as_datagrams:
-                    self._is_full_until_ns = 0
                 self.strange += not stream.take_report(report, self._channels, now_ns)
             return
         counts = {number: (received, refused) for number, received, refused in report.counts}

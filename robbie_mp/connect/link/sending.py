@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import zstandard
 
-from robbie_mp.connect.link.congestion import MAX_WINDOW_BYTES, SendWindow
+from robbie_mp.connect.link.clock_offset import ClockOffset
 from robbie_mp.connect.link.counts import (
     DROPPED,
     LOST,
@@ -29,6 +29,7 @@ from robbie_mp.connect.link.header import (
     DataHeader,
     ReceiverReport,
 )
+from robbie_mp.connect.link.send_window import SendWindow
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
 from robbie_mp.connect.link.under_way import UnderWay
 
@@ -52,16 +53,24 @@ MAX_UNREPORTED = 1024
 """Packets that are not sent again of which the link waits for a report."""
 STATE_AGAIN_NS = 20_000_000
 """A state is sent again if its report takes this much longer than a round trip,"""
-LATE_AGAIN_NS = 40_000_000
-"""or this long, while a queue stands on the way in which datagrams are lost."""
 MAX_REPEATS = 3
-"""So often at most."""
+"""so often at most."""
 MAX_REPEATED_BYTES = 8 * DATAGRAM_BYTES
 """Longer messages are neither sent in copies nor, as states, again: they would fill a slow network."""
+STALLED_NS = 50_000_000
+"""If a report takes this much longer than a round trip, small packets of a stream go past it, too,"""
+PAST_AGAIN_NS = 100_000_000
+"""and again after this time,"""
+MAX_PAST_BYTES = 8_000
+"""as many as these bytes hold."""
+MAX_STATE_BYTES = 32_000
+"""States that may be under way: as datagrams, they have no window."""
+MAX_UNSETTLED_BYTES = 1 << 25
+"""What may be unsettled at most, or as much as may wait."""
 
 
 HEADER_BYTES = 100
-"""The size that a header counts in the window."""
+"""The size that a header counts in what is under way."""
 
 
 @dataclass(slots=True)
@@ -113,7 +122,7 @@ class Packet:
     is_last: bool = field(init=False)
     """Whether it ends its message."""
     size: int = field(init=False)
-    """Bytes that it counts in the window."""
+    """Bytes that it counts in what is under way."""
 
     def __post_init__(self) -> None:
         size = len(self.payload)
@@ -176,15 +185,15 @@ class SendStream:
     Args:
         traffic: the class.
         limits: how much may wait.
-        window: what may be under way, of all classes together.
-        transmit: sends a header and a payload, at a time.
+        clock: knows the round trip.
+        transmit: sends a header and a payload, as a datagram or in the stream.
         address: stands in each header.
     """
 
     traffic: TrafficClass
     limits: SendLimits
-    window: SendWindow
-    transmit: Callable[[DataHeader, memoryview | bytes, int], None]
+    clock: ClockOffset
+    transmit: Callable[[DataHeader, memoryview | bytes, bool], None]
     address: Address
     waiting: OrderedDict[int, Item] = field(default_factory=OrderedDict)
     """By number of the channel if only the newest is kept, else by a running number."""
@@ -207,6 +216,8 @@ class SendStream:
     _progress_ns: int = 0
     """When the last packet was sent for the first time, or acknowledged."""
     _again_ns: int = 0
+    _past_ns: int = 0
+    """When packets last went past the stream."""
     _rewound_at: int = 0
     """The number of the last sending when everything was last to be sent again."""
     _told: tuple[int, int, int] = (0, 0, 0)
@@ -220,7 +231,8 @@ class SendStream:
 
     def __post_init__(self) -> None:
         self.manners = MANNERS[self.traffic]
-        self.under_way = UnderWay(self.window, is_stream=not self.manners.goes_as_datagrams)
+        self.under_way = UnderWay()
+        self.window = None if self.manners.goes_as_datagrams else SendWindow()
         self._most_waiting = MAX_URGENT if self.traffic is TrafficClass.URGENT else self.limits.messages
         self._again_ns = self._first_again_ns
 
@@ -276,10 +288,11 @@ class SendStream:
         """Whether there is something to send."""
         return bool(self.pending or self.begun or self.waiting)
 
-    @property
-    def cut_bytes(self) -> int:
-        """Size of the next packet, if it has been cut already; else 0."""
-        return len(self.pending[0].payload) if self.pending else 0
+    def has_room(self, now_ns: int) -> bool:
+        """Whether one more packet may be under way."""
+        if self.window is not None:
+            return self.window.has_room(self.under_way.bytes, now_ns)
+        return self.traffic is not TrafficClass.STATE or self.under_way.bytes <= MAX_STATE_BYTES
 
     def send_next(self, now_ns: int) -> bool:
         """Send one packet; False if there is none that may be sent now."""
@@ -296,7 +309,7 @@ class SendStream:
         """Whether too much is unsettled to send more: the other link handles nothing that it takes."""
         if self.traffic is TrafficClass.URGENT:
             return len(self.sent) + len(self.pending) >= MAX_URGENT
-        return self.manners.is_resent and self.unsettled_bytes > max(self.limits.bytes, MAX_WINDOW_BYTES)
+        return self.manners.is_resent and self.unsettled_bytes > max(self.limits.bytes, MAX_UNSETTLED_BYTES)
 
     def _begin(self, now_ns: int) -> bool:
         """Begin with the next message; False if there is none that may be sent now."""
@@ -331,7 +344,7 @@ class SendStream:
         data, start = begun.data, begun.start
         payload = data
         if start or len(data) > DATAGRAM_BYTES:  # a shorter one always is one packet
-            step = DATAGRAM_BYTES if self.manners.goes_as_datagrams else self.window.part_bytes
+            step = self.window.part_bytes(self.under_way.bytes) if self.window else DATAGRAM_BYTES
             # More than this in one message has too many parts; the last ones then are larger.
             step = max(step, -(-len(data) // MAX_PARTS))
             if start or len(data) > step:
@@ -355,10 +368,12 @@ class SendStream:
             packet.is_again = True
             self._progress_ns = now_ns
         number = self.under_way.add(packet.sequence, packet.size, now_ns)
+        if self.window is not None:
+            self.window.sent(packet.size, now_ns)
         self.sent.append(packet)
         oldest = self.sent[0].sequence if self.manners.is_resent else packet.sequence
         header = self._header(packet, oldest, number)
-        self.transmit(header, packet.payload, now_ns)
+        self.transmit(header, packet.payload, self.manners.goes_as_datagrams)
         if self.manners.is_resent:
             return
         if self.traffic is TrafficClass.STATE and packet.item is not None:
@@ -378,27 +393,38 @@ class SendStream:
             known.parts.append((packet, packet.payload))
             known.sent_ns = now_ns
 
-    def repeat_newest(self, now_ns: int, max_bytes: int) -> None:
-        """Send the newest state of each channel again if it has probably been lost.
-
-        Args:
-            now_ns: the present time.
-            max_bytes: how many bytes of states may be under way.
-        """
-        is_late = self.window.is_late(now_ns)
-        wait_ns = LATE_AGAIN_NS if is_late else self.window.round_trip_ns * 5 // 4 + STATE_AGAIN_NS
+    def repeat_newest(self, now_ns: int) -> None:
+        """Send the newest state of each channel again if it has probably been lost."""
+        wait_ns = self._round_trip_ns * 5 // 4 + STATE_AGAIN_NS
         for number, newest in list(self._newest.items()):
             if now_ns - newest.sent_ns < wait_ns or not newest.last.is_last:
                 continue
             if newest.repeats >= MAX_REPEATS:
                 del self._newest[number]
-            elif self.under_way.bytes <= max_bytes:
+            elif self.has_room(now_ns):
                 newest.repeats += 1
                 newest.sent_ns = now_ns
                 for packet, payload in newest.parts:
                     self.resent += 1
                     sending = self.under_way.add(packet.sequence, packet.size, now_ns)
-                    self.transmit(self._header(packet, packet.sequence, sending), payload, now_ns)
+                    self.transmit(self._header(packet, packet.sequence, sending), payload, True)
+
+    def pass_stalled(self, now_ns: int) -> None:
+        """Send small packets past the stream, too, if it stalls because the network has lost something."""
+        oldest_ns = self.under_way.oldest_ns
+        if not oldest_ns or now_ns - oldest_ns < self._round_trip_ns * 5 // 4 + STALLED_NS:
+            return
+        if now_ns - self._past_ns < PAST_AGAIN_NS:
+            return
+        self._past_ns, left = now_ns, MAX_PAST_BYTES
+        for packet in self.sent:
+            left -= packet.size
+            if len(packet.payload) > DATAGRAM_BYTES or left < 0:
+                return
+            self.resent += 1
+            # Its number says nothing of what is under way in the stream.
+            header = self._header(packet, self.sent[0].sequence, packet.sequence)
+            self.transmit(header, packet.payload, True)
 
     def _header(self, packet: Packet, oldest: int, number: int) -> DataHeader:
         item, own = packet.item, self.address
@@ -436,9 +462,12 @@ class SendStream:
             return False  # about no stream of ours
         self._told = told
         settled = report.handled if self.manners.is_resent else report.next
-        if self.under_way.report(report.newest, report.next, now_ns):
+        arrival = self.under_way.report(report.newest, report.next, now_ns)
+        if arrival.bytes:
             self._progress_ns = now_ns
             self._again_ns = self._first_again_ns
+            if self.window is not None:
+                self.window.take(arrival, now_ns)
         while self.sent and self.sent[0].sequence < settled:
             self._settle(self.sent.popleft())
         while self.pending and self.pending[0].sequence < report.next:  # arrived before it was sent again
@@ -452,6 +481,8 @@ class SendStream:
         # What was already under way when everything was to be sent again is missed once more.
         if report.misses and report.newest > self._rewound_at:
             self.rewind()
+            if self.window is not None:
+                self.window.lost(now_ns)
         return True
 
     def _forget_arrived(self, following: int) -> None:
@@ -492,9 +523,11 @@ class SendStream:
         elif self.manners.is_resent:
             is_urgent = self.traffic is TrafficClass.URGENT
             self._again_ns = min(2 * self._again_ns, MAX_URGENT_AGAIN_NS if is_urgent else MAX_AGAIN_NS)
-            self.rewind()
-            # One at once, although all room is taken: its report says what else has not arrived.
-            self._send(self.pending.popleft(), now_ns)
+            if is_urgent:
+                self.rewind()
+            # One at once, although all room is taken: its report says what else has not arrived. A stream
+            # repeats by itself what the network loses, so all of it would come twice.
+            self._send(self.pending.popleft() if self.pending else self.sent.pop(), now_ns)
         else:
             self.sequence += 1
             mark = Packet(self.sequence, None, 0, 0, b"")
@@ -537,7 +570,11 @@ class SendStream:
     def _wait_ns(self) -> int:
         if self.traffic is TrafficClass.URGENT:
             return self._again_ns
-        return max(self._again_ns, 3 * self.window.round_trip_ns)
+        return max(self._again_ns, 3 * self._round_trip_ns)
+
+    @property
+    def _round_trip_ns(self) -> int:
+        return self.clock.round_trip_ns or 0
 
 
 def seems_to_shrink(data: bytes | memoryview) -> bool:

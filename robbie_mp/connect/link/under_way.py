@@ -1,53 +1,64 @@
 """What is under way: each sending has a number, and the receiver reports the newest one that has arrived.
 
-Older ones then have arrived, too, or never will. So the sender knows how much is under way, and for how long,
-however often the same packet was sent.
+Older ones then have arrived, too, or never will. So the sender knows how much is under way, however often the
+same packet was sent.
 """
 
 from collections import deque
 from typing import NamedTuple
-
-from robbie_mp.connect.link.congestion import SendWindow
 
 MAX_SENDINGS = 1 << 16
 """Sendings that may be under way; older ones count as lost."""
 
 
 class Sending(NamedTuple):
-    """One sending of one packet. Times in ns."""
+    """One sending of one packet."""
 
     number: int
     sequence: int
     size: int
     sent_ns: int
-    delivered_before: int
+    under_way: int
+    """Bytes that were under way when it was sent."""
+    arrived: int
     """Bytes that had arrived when it was sent."""
-    load: float
-    """How full the window was then, it included: 1.0 is full."""
+
+
+class Arrival(NamedTuple):
+    """What a report says has arrived for the first time."""
+
+    bytes: int = 0
+    """0: nothing."""
+    trip_ns: int = 0
+    """Round trip of the newest of it."""
+    under_way: int = 0
+    """Bytes that were under way when the newest was sent."""
+    bytes_meanwhile: int = 0
+    """Bytes that have arrived since then, it included."""
+
+
+NOTHING = Arrival()
 
 
 class UnderWay:
     """The sendings of one class to one robot.
 
-    Args:
-        window: what may be under way, of all classes together.
-        is_stream: whether they go in the stream, where all that is sent later waits behind them.
-
     Attributes:
         number: of the last sending.
         bytes: how much is under way.
-        oldest_ns: when the oldest one under way was sent; 0: there is none.
+        arrived: bytes that have arrived so far.
     """
 
-    def __init__(self, window: SendWindow, *, is_stream: bool):
-        self._window = window
-        self._is_stream = is_stream
+    def __init__(self) -> None:
         self._sendings: deque[Sending] = deque()
         self.number = 0
         self.bytes = 0
-        self.oldest_ns = 0
-        if is_stream:
-            window.watch(self)
+        self.arrived = 0
+
+    @property
+    def oldest_ns(self) -> int:
+        """When the oldest one under way was sent; 0: there is none."""
+        return self._sendings[0].sent_ns if self._sendings else 0
 
     def add(self, sequence: int, size: int, now_ns: int) -> int:
         """Count a sending; return its number.
@@ -58,43 +69,33 @@ class UnderWay:
             now_ns: the present time.
         """
         self.number += 1
+        self._sendings.append(Sending(self.number, sequence, size, now_ns, self.bytes, self.arrived))
         self.bytes += size
-        delivered, load = self._window.sent(size, now_ns)
-        self._sendings.append(Sending(self.number, sequence, size, now_ns, delivered, load))
         if len(self._sendings) > MAX_SENDINGS:
-            oldest = self._sendings.popleft()
-            self.bytes -= oldest.size
-            self._window.given_up(oldest.size)
-        self.oldest_ns = self._sendings[0].sent_ns
+            self.bytes -= self._sendings.popleft().size
         return self.number
 
-    def report(self, newest: int, following: int, now_ns: int) -> bool:
-        """Take note of a receiver's report. Return whether something has arrived for the first time.
+    def report(self, newest: int, following: int, now_ns: int) -> Arrival:
+        """Take note of a receiver's report, and return what has arrived.
 
         Args:
             newest: the greatest number of a sending that has arrived.
-            following: sequence of the first packet that has not arrived, as in `Report.next`.
+            following: sequence of the first packet that has not arrived, as in `ReceiverReport.next`.
             now_ns: when the report came.
         """
-        has_arrived = False
+        last, size = None, 0
         while self._sendings and self._sendings[0].number <= newest:
             sending = self._sendings.popleft()
             self.bytes -= sending.size
-            if sending.sequence >= following:  # lost, or dropped by the receiver
-                self._window.given_up(sending.size)
-                if self._is_stream:
-                    self._window.measure_lost(sending.sent_ns, sending.delivered_before, sending.load, now_ns)
-                continue
-            has_arrived = True
-            self._window.acknowledged(sending.size)
-            # Of datagrams, an older one may be lost, and a later one has shown that.
-            if self._is_stream or sending.number == newest:
-                self._window.measure(sending.sent_ns, sending.delivered_before, sending.load, now_ns)
-        self.oldest_ns = self._sendings[0].sent_ns if self._sendings else 0
-        return has_arrived
+            if sending.sequence < following:  # otherwise it is lost, or dropped by the receiver
+                size += sending.size
+                last = sending
+        self.arrived += size
+        if last is None:
+            return NOTHING
+        return Arrival(size, now_ns - last.sent_ns, last.under_way, self.arrived - last.arrived)
 
     def forget(self) -> None:
         """Count nothing as under way: its receiver is gone."""
-        self._window.given_up(self.bytes)
-        self.bytes = self.oldest_ns = 0
+        self.bytes = 0
         self._sendings.clear()

@@ -58,9 +58,9 @@ class Fall:
 
     @property
     def bandwidth(self) -> float:
-        """What the link has measured, in bytes/s."""
+        """What has lately arrived, in bytes/s."""
         assert self.red.node is not None
-        return self.red.node.peers["blue"].window.bandwidth
+        return self.red.node.peers["blue"].bytes_per_s
 
     def waits(self, name: ChannelId) -> list[Wait]:
         """How long the messages of a channel were under way that were sent after the fall."""

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from robbie_mp.connect.link import counts as link_counts
 from robbie_mp.connect.link import sending
-from robbie_mp.connect.link.congestion import SendWindow
 from robbie_mp.connect.link.counts import (
     HANDLING,
     NEXT,
@@ -33,9 +32,10 @@ from robbie_mp.connect.link.header import (
 )
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.receiving import Arrived, Fate, ReceiveStream
+from robbie_mp.connect.link.send_window import MAX_BYTES, SendWindow
 from robbie_mp.connect.link.sending import MAX_UNREPORTED, MAX_URGENT, SendLimits
 from robbie_mp.connect.link.traffic import CLASSES, TrafficClass
-from robbie_mp.connect.link.under_way import MAX_SENDINGS, UnderWay
+from robbie_mp.connect.link.under_way import MAX_SENDINGS, Arrival, UnderWay
 from tests.connect.link._support.network import MS, Robot, two_robots
 
 ODOM = ChannelId("nav_msgs/msg/Odometry", 1, "odom")
@@ -61,11 +61,10 @@ class Sent:
         *,
         as_datagram: bool = False,
         at_once: bool = False,
-    ) -> bool:
+    ) -> None:
         """Keep a header; it must be one that another link takes."""
         assert unpack(pack(packet)) == packet
         self.packets.append(packet)
-        return True
 
 
 class Besieged:
@@ -176,7 +175,7 @@ def test_what_the_peer_never_reports_fills_no_memory() -> None:
 
 
 def test_what_is_taken_but_never_handled_fills_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sending, "MAX_WINDOW_BYTES", 1 << 16)
+    monkeypatch.setattr(sending, "MAX_UNSETTLED_BYTES", 1 << 16)
     link = Besieged()
     peer = link.node.peers["blue"]
     stream = peer.streams[TrafficClass.RELIABLE]
@@ -189,24 +188,17 @@ def test_what_is_taken_but_never_handled_fills_no_memory(monkeypatch: pytest.Mon
 
 
 def test_sendings_without_a_report_are_bounded() -> None:
-    window = SendWindow()
-    under_way = UnderWay(window, is_stream=True)
+    under_way = UnderWay()
     for number in range(MAX_SENDINGS + 10):
         under_way.add(number, 100, number)
-    assert under_way.bytes == window.under_way == 100 * MAX_SENDINGS
-    assert under_way.oldest_ns == 10
+    assert under_way.bytes == 100 * MAX_SENDINGS
 
 
 def test_a_peer_that_reports_at_once_does_not_open_the_window_without_end() -> None:
     window = SendWindow()
-    now_ns = 10**9
-    for _ in range(100):
-        delivered, load = window.sent(100_000, now_ns)
-        window.acknowledged(100_000)
-        window.measure(now_ns, delivered, load, now_ns)
-        now_ns += 1000 * MS
-    assert window.bandwidth > 1e12
-    assert window.limit < 1 << 26
+    for number in range(100):
+        window.take(Arrival(100_000, 0, 0, 100_000), number * MS)
+    assert window.limit == MAX_BYTES
 
 
 def test_reports_of_what_was_never_sent_change_nothing_and_are_counted() -> None:

@@ -303,26 +303,57 @@ def test_memory_of_a_large_message_is_given_back_when_it_has_been_sent() -> None
     assert blue.received(BULK) == [expected]
 
 
-def test_link_waits_for_a_report_after_a_packet_that_had_to_wait_for_room() -> None:
+def test_reliable_messages_go_at_once_although_bulk_has_no_room() -> None:
+    network, red, _blue = two_robots(6, Conditions(delay_ns=50 * MS, bytes_per_s=2.5e6))
+    assert red.node is not None
+    bulk, reliable = (
+        red.node.peers["blue"].streams[one] for one in (TrafficClass.BULK, TrafficClass.RELIABLE)
+    )
+    for number in range(20):
+        red.offer(BULK, TrafficClass.BULK, numbered(number, 1_000_000))
+        assert bulk.has_pending
+        red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(number, 100))
+        assert not reliable.has_pending
+        network.run(0.03)
+
+
+def test_a_stream_without_reports_sends_one_packet_again_and_not_all() -> None:
     network, red, blue = two_robots(6)
     assert red.node is not None
-    stream = red.node.peers["blue"].streams[TrafficClass.BULK]
+    peer = red.node.peers["blue"]
     red.offer(BULK, TrafficClass.BULK, numbered(0, 500_000))
     network.run(1.0)
-    before = stream.under_way.number
+    before = peer.resent
+    network.conditions.delay_ns = 400 * MS  # a round trip is longer than the time to the first repetition
     red.offer(BULK, TrafficClass.BULK, numbered(1, 500_000))
-    at_once, before = stream.under_way.number - before, stream.under_way.number
-    assert at_once > 1
-    network.run(1.0)
-    red.has_room = False
-    before = stream.under_way.number
-    red.offer(BULK, TrafficClass.BULK, numbered(2, 500_000))
-    assert stream.under_way.number == before + 1
-    red.offer(COMMAND, TrafficClass.COMMAND, numbered(3))
-    assert stream.under_way.number == before + 1
-    network.run(1.0)
-    assert numbers(blue, COMMAND) == [3]
-    assert numbers(blue, BULK) == [0, 1, 2]
+    network.run(5.0)
+    assert numbers(blue, BULK) == [0, 1]
+    assert peer.resent <= before + 2
+
+
+def test_small_reliable_messages_go_past_a_stream_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
+    network, red, blue = two_robots(6)
+    carry, stalls = network.carry, [True]
+
+    def stall(sender: str, receiver: str, packet: Packet, payload: bytes, is_datagram: bool = False) -> None:
+        if isinstance(packet, DataHeader) and not is_datagram and stalls[0]:
+            network.at(
+                network.now_ns + 1000 * MS, lambda: carry(sender, receiver, packet, payload, is_datagram)
+            )
+        else:
+            carry(sender, receiver, packet, payload, is_datagram)
+
+    monkeypatch.setattr(network, "carry", stall)
+    for number in range(20):
+        red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(number, 100))
+        network.run(0.02)
+    network.run(0.2)
+    assert numbers(blue, RELIABLE) == list(range(20))
+    stalls[0] = False
+    network.run(2.0)
+    assert numbers(blue, RELIABLE) == list(range(20))
+    check_counts(red, blue, RELIABLE, 20)
+    assert red.account(RELIABLE).under_way == 0
 
 
 @pytest.mark.parametrize(("data", "shrinks"), [(bytes(500_000), True), (numbered(1, 500_000), False)])

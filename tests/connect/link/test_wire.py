@@ -1,13 +1,30 @@
-"""The ways between two links: a stream, and datagrams past it."""
+"""The ways between two links: streams, and datagrams past them."""
 
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import zenoh
 
-from robbie_mp.connect.link.wire import Endpoints, ways
+from robbie_mp.connect.link.wire import STREAMS, Endpoints, open_session, ways
+from tests._support.robot import wait_until
+from tools.robot import free_port
+
+
+@pytest.fixture(scope="module", autouse=True)
+def linked() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
+    """Two sessions that are linked. Zenoh keeps descriptors that it opens with the first ones."""
+    address = [f"tcp/127.0.0.1:{free_port()}"]
+    listening = open_session(Endpoints(listen=address, datagrams=True))
+    connecting = open_session(Endpoints(connect=address, datagrams=True))
+    sessions = (listening, connecting)
+    wait_until(lambda: all(len(session.info.links()) == len(STREAMS) + 1 for session in sessions))
+    yield listening, connecting
+    connecting.close()
+    listening.close()
 
 
 @pytest.mark.parametrize(
@@ -20,7 +37,15 @@ from robbie_mp.connect.link.wire import Endpoints, ways
     ],
 )
 def test_a_stream_has_datagrams_beside_it(address: str, expected: list[str]) -> None:
-    assert ways(Endpoints(datagrams=True), [address]) == expected
+    assert ways(Endpoints(datagrams=True), [address], listens=True) == expected
+
+
+def test_two_links_have_a_stream_for_each_range_of_priorities_at_one_address(
+    linked: tuple[zenoh.Session, zenoh.Session],
+) -> None:
+    expected = sorted([*((int(one[0]), int(one[-1])) for one in STREAMS), (0, 7)])
+    for session in linked:
+        assert sorted(link.priorities for link in session.info.links()) == expected
 
 
 def test_clients_of_a_router_and_links_without_datagrams_have_one_way() -> None:

@@ -100,8 +100,6 @@ class Robot:
     journal: list[tuple[int, Arrived]] = field(default_factory=list)
     """Time, and what was published."""
     fate: Callable[[Arrived], Fate] = lambda _message: Fate.PUBLISHED
-    has_room: bool = True
-    """Whether the network takes packets at once; otherwise it takes them later."""
     others: list[str] = field(default_factory=list)
     sessions: int = 0
     latched: dict[ChannelId, Offered] = field(default_factory=dict)
@@ -159,10 +157,9 @@ class Robot:
         *,
         as_datagram: bool = False,
         at_once: bool = False,
-    ) -> bool:
+    ) -> None:
         """Send a packet of the link."""
         self.network.carry(self.name, robot, packet, bytes(payload), as_datagram)
-        return self.has_room
 
     def take(self, sender: str, header: bytes, payload: bytes, *, is_datagram: bool = False) -> None:
         """Take a packet from the network."""

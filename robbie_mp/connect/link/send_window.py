@@ -1,0 +1,120 @@
+"""How much of one class may be under way in a stream.
+
+The limit is what the network carries while a packet goes and its report returns, and a little more: the model
+of BBR (N. Cardwell et al., "BBR: congestion-based congestion control", ACM Queue 14(5), 2016). The kernel
+shares the network between streams; this bounds how long packets wait in Zenoh and the socket before they go,
+and how long other classes wait behind them where all share one stream.
+"""
+
+from robbie_mp.connect.link.under_way import Arrival
+
+WAIT_NS = 25_000_000
+"""The time for which more than the network carries may wait: so it shows that it carries more."""
+WAIT_PART = 0.25
+"""Or this part of the shortest round trip, if it is longer."""
+GROWTH = 1.25
+"""If the rate has grown by this factor, the window probably limits it, not the network."""
+GROWTH_GAIN = 1.6
+"""Then more may be under way, by this factor,"""
+GROWTH_TRIPS = 3
+"""until it has not grown for so many round trips,"""
+VARIES_NS = 40_000_000
+"""if round trips are longer than the shortest by more than this on average. Else it grows quickly anyway."""
+SMOOTHING = 0.125
+PACE = 1.25
+"""Packets are sent at the measured rate, times this, or all that may be under way would go at once,"""
+MAX_PAUSE_NS = 50_000_000
+"""with at most this time between two."""
+START_BYTES = 32_000
+MIN_BYTES = 16_000
+MAX_PART_BYTES = 60_000
+"""Most bytes of a packet: it fits into one batch of Zenoh."""
+MAX_BYTES = 15 * MAX_PART_BYTES
+"""Zenoh queues 16 batches, and drops what is more."""
+PERIOD_NS = 500_000_000
+"""The rate is the greatest of this period and the one before it, or of 10 round trips if they take longer."""
+KEPT_NS = 10_000_000_000
+"""After this time without a packet that went alone, all must arrive: then one goes alone, and is measured."""
+PROBE_BYTES = 4_000
+"""Most bytes of a packet that goes alone."""
+
+
+class SendWindow:
+    """Limits the bytes of a stream that are under way. Times in ns.
+
+    Attributes:
+        limit: how many bytes may be under way.
+    """
+
+    def __init__(self) -> None:
+        self.limit = START_BYTES
+        self._shortest_ns = 0
+        """The shortest round trip; 0: none is known."""
+        self._alone_ns = 0
+        """When it was last measured by a packet that had gone alone."""
+        self._greatest = [0.0, 0.0]
+        """Greatest rates in bytes/ns, of the last period and of the present one."""
+        self._period_end_ns = 0
+        self._excess_ns = 0.0
+        """Mean time by which round trips are longer than the shortest."""
+        self._grown = (0.0, 0)
+        """The rate when it had last grown, and until when (ns) that counts."""
+        self._pace = 0.0
+        """The rate in bytes/ns at which packets are sent; 0: at any."""
+        self._next_ns = 0
+        """When the next packet may be sent."""
+
+    def part_bytes(self, under_way: int) -> int:
+        """Return how many bytes the next packet may have, if others are under way."""
+        return min(self.limit // 8, MAX_PART_BYTES) if under_way else PROBE_BYTES
+
+    def has_room(self, under_way: int, now_ns: int) -> bool:
+        """Whether one more packet may be sent."""
+        if not under_way:
+            return True
+        # A pace for what does not fill the window would only delay it.
+        is_its_turn = under_way < self.limit // 2 or now_ns >= self._next_ns
+        return is_its_turn and under_way < self.limit and now_ns - self._alone_ns < KEPT_NS
+
+    def sent(self, size: int, now_ns: int) -> None:
+        """Take note of a packet that is sent, so that the next ones follow at an even pace."""
+        if self._pace:
+            self._next_ns = max(self._next_ns, now_ns - WAIT_NS) + round(size / self._pace)
+            self._next_ns = min(self._next_ns, now_ns + MAX_PAUSE_NS)
+
+    def take(self, arrival: Arrival, now_ns: int) -> None:
+        """Measure by what has arrived."""
+        trip_ns = max(1, arrival.trip_ns)
+        is_alone = not arrival.under_way
+        if is_alone and (trip_ns <= self._shortest_ns or now_ns - self._alone_ns >= KEPT_NS):
+            self._shortest_ns, self._alone_ns = trip_ns, now_ns
+        self._shortest_ns = min(self._shortest_ns or trip_ns, trip_ns)
+        self._excess_ns += SMOOTHING * (trip_ns - self._shortest_ns - self._excess_ns)
+        rate = arrival.bytes_meanwhile / trip_ns
+        # What had little under way says only that the network carries as much, not that it carries no more.
+        if rate > max(self._greatest) or arrival.under_way >= self.limit // 2:
+            self._take_rate(rate, now_ns)
+
+    def _take_rate(self, rate: float, now_ns: int) -> None:
+        if now_ns >= self._period_end_ns:
+            self._period_end_ns = now_ns + max(PERIOD_NS, 10 * self._shortest_ns)
+            self._greatest = [self._greatest[1], 0.0]
+        self._greatest[1] = max(self._greatest[1], rate)
+        if max(self._greatest) >= GROWTH * self._grown[0]:
+            trip_ns = self._shortest_ns + round(self._excess_ns)
+            self._grown = max(self._greatest), now_ns + GROWTH_TRIPS * trip_ns
+        self._set_limit(now_ns)
+
+    def lost(self, now_ns: int) -> None:
+        """Take note that packets were lost: a queue on the way has no room for so many."""
+        self._greatest = [0.0, max(self._greatest) / 2]
+        self._set_limit(now_ns)
+
+    def _set_limit(self, now_ns: int) -> None:
+        rate = max(self._greatest)
+        self._grown = min(self._grown[0], rate), self._grown[1]
+        is_growing = now_ns < self._grown[1] and self._excess_ns > VARIES_NS
+        gain = GROWTH_GAIN if is_growing else 1.0
+        self._pace = PACE * gain * rate
+        carried = rate * (gain * self._shortest_ns + max(WAIT_NS, WAIT_PART * self._shortest_ns))
+        self.limit = max(MIN_BYTES, min(MAX_BYTES, round(carried)))
