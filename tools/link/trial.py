@@ -93,6 +93,7 @@ class LinkFigures:
     Attributes:
         failures: promises that were not kept.
         engine: `OURS`, or a module of `tools.link.engines`.
+        bulk_p50: time from one robot to the other.
     """
 
     title: str
@@ -107,6 +108,7 @@ class LinkFigures:
     bulk_mbit_per_s: float = 0.0
     failures: list[str] = field(default_factory=list)
     engine: str = OURS
+    bulk_p50: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -235,6 +237,8 @@ def _evaluate(pair: Pair, trial: LinkTrial, began_s: float, ended_s: float) -> L
     figures.reliable_missing = len(expected - {one.number for one in within["reliable"]})
     bulk = [one for one in everything["bulk"] if began_s <= one.at_s < ended_s]
     figures.bulk_mbit_per_s = len(bulk) * 200_000 * 8e-6 / (ended_s - began_s)
+    if bulk:
+        figures.bulk_p50 = float(np.percentile([one.latency_s * 1e3 for one in bulk], 50))
     _judge(figures, trial)
     return figures
 
@@ -262,7 +266,7 @@ def _judge(figures: LinkFigures, trial: LinkTrial) -> None:
 
 HEADINGS = (
     "network", "engine", "commands: received", "p50, p99, max ms", "urgent: max ms", "state: greatest age ms",
-    "reliable: p99 ms, missing", "bulk Mbit/s", "broken",
+    "reliable: p99 ms, missing", "bulk: Mbit/s, p50 ms", "broken",
 )  # fmt: skip
 
 
@@ -276,7 +280,7 @@ def row(one: LinkFigures) -> list[str]:
         f"{one.urgent_max:.0f}",
         f"{one.state_age_max:.0f}",
         f"{one.reliable_p99:.0f}, {one.reliable_missing}",
-        f"{one.bulk_mbit_per_s:.1f}",
+        f"{one.bulk_mbit_per_s:.1f}, {one.bulk_p50:.0f}",
         "; ".join(one.failures) or "-",
     ]
 
