@@ -26,7 +26,6 @@ class MovingCamera(Module):
     """
 
     period_s = 0.1
-    topic = "camera"
 
     def setup(self) -> None:
         """Draw the scene."""
@@ -57,4 +56,4 @@ class MovingCamera(Module):
             step=3 * WIDTH,
             data=pixels.ravel(),
         )
-        self.publish(image, topic=self.topic)
+        self.publish(image, topic="camera")

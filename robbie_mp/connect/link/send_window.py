@@ -14,12 +14,12 @@ WAIT_PART = 0.25
 """Or this part of the shortest round trip, if it is longer."""
 GROWTH = 1.25
 """If the rate has grown by this factor, the window probably limits it, not the network."""
-GROWTH_GAIN = 1.6
+GROWTH_GAIN = 1.3
 """Then more may be under way, by this factor,"""
-GROWTH_TRIPS = 3
-"""until it has not grown for so many round trips,"""
-VARIES_NS = 40_000_000
-"""if round trips are longer than the shortest by more than this on average. Else it grows quickly anyway."""
+GROWTH_TRIPS = 6
+"""until it has not grown for so many of the shortest round trips,"""
+LONG_NS = 40_000_000
+"""if these are longer than this, and the others longer by this on average. Else it grows quickly anyway."""
 SMOOTHING = 0.125
 PACE = 1.25
 """Packets are sent at the measured rate, times this, or all that may be under way would go at once,"""
@@ -34,7 +34,9 @@ MAX_BYTES = 15 * MAX_PART_BYTES
 PERIOD_NS = 500_000_000
 """The rate is the greatest of this period and the one before it, or of 10 round trips if they take longer."""
 KEPT_NS = 10_000_000_000
-"""After this time without a packet that went alone, all must arrive: then one goes alone, and is measured."""
+"""After this time without a round trip as short as the shortest, all must arrive. Then"""
+PROBING_NS = 200_000_000
+"""for this time packets go one by one, and the shortest round trip counts: a single one may be late."""
 PROBE_BYTES = 4_000
 """Most bytes of a packet that goes alone."""
 
@@ -50,8 +52,10 @@ class SendWindow:
         self.limit = START_BYTES
         self._shortest_ns = 0
         """The shortest round trip; 0: none is known."""
-        self._alone_ns = 0
-        """When it was last measured by a packet that had gone alone."""
+        self._stale_ns = 0
+        """When it is to be measured again; 0: it has not been measured yet."""
+        self._probed: tuple[int, int] | None = None
+        """While it is measured: the shortest one so far, and when that ends."""
         self._greatest = [0.0, 0.0]
         """Greatest rates in bytes/ns, of the last period and of the present one."""
         self._period_end_ns = 0
@@ -74,7 +78,8 @@ class SendWindow:
             return True
         # A pace for what does not fill the window would only delay it.
         is_its_turn = under_way < self.limit // 2 or now_ns >= self._next_ns
-        return is_its_turn and under_way < self.limit and now_ns - self._alone_ns < KEPT_NS
+        is_stale = 0 < self._stale_ns <= now_ns
+        return is_its_turn and under_way < self.limit and not is_stale
 
     def sent(self, size: int, now_ns: int) -> None:
         """Take note of a packet that is sent, so that the next ones follow at an even pace."""
@@ -85,15 +90,22 @@ class SendWindow:
     def take(self, arrival: Arrival, now_ns: int) -> None:
         """Measure by what has arrived."""
         trip_ns = max(1, arrival.trip_ns)
-        is_alone = not arrival.under_way
-        if is_alone and (trip_ns <= self._shortest_ns or now_ns - self._alone_ns >= KEPT_NS):
-            self._shortest_ns, self._alone_ns = trip_ns, now_ns
-        self._shortest_ns = min(self._shortest_ns or trip_ns, trip_ns)
+        self._take_trip(trip_ns, now_ns, was_alone=not arrival.under_way)
         self._excess_ns += SMOOTHING * (trip_ns - self._shortest_ns - self._excess_ns)
         rate = arrival.bytes_meanwhile / trip_ns
         # What had little under way says only that the network carries as much, not that it carries no more.
         if rate > max(self._greatest) or arrival.under_way >= self.limit // 2:
             self._take_rate(rate, now_ns)
+
+    def _take_trip(self, trip_ns: int, now_ns: int, *, was_alone: bool) -> None:
+        if not self._stale_ns or trip_ns <= self._shortest_ns:
+            self._shortest_ns, self._stale_ns, self._probed = trip_ns, now_ns + KEPT_NS, None
+        elif was_alone and now_ns >= self._stale_ns:
+            shortest_ns, end_ns = self._probed or (trip_ns, now_ns + PROBING_NS)
+            self._probed = min(shortest_ns, trip_ns), end_ns
+            if now_ns >= end_ns:
+                self._shortest_ns, self._stale_ns = self._probed[0], now_ns + KEPT_NS
+                self._probed = None
 
     def _take_rate(self, rate: float, now_ns: int) -> None:
         if now_ns >= self._period_end_ns:
@@ -101,8 +113,7 @@ class SendWindow:
             self._greatest = [self._greatest[1], 0.0]
         self._greatest[1] = max(self._greatest[1], rate)
         if max(self._greatest) >= GROWTH * self._grown[0]:
-            trip_ns = self._shortest_ns + round(self._excess_ns)
-            self._grown = max(self._greatest), now_ns + GROWTH_TRIPS * trip_ns
+            self._grown = max(self._greatest), now_ns + GROWTH_TRIPS * self._shortest_ns
         self._set_limit(now_ns)
 
     def lost(self, now_ns: int) -> None:
@@ -113,7 +124,7 @@ class SendWindow:
     def _set_limit(self, now_ns: int) -> None:
         rate = max(self._greatest)
         self._grown = min(self._grown[0], rate), self._grown[1]
-        is_growing = now_ns < self._grown[1] and self._excess_ns > VARIES_NS
+        is_growing = now_ns < self._grown[1] and min(self._shortest_ns, self._excess_ns) > LONG_NS
         gain = GROWTH_GAIN if is_growing else 1.0
         self._pace = PACE * gain * rate
         carried = rate * (gain * self._shortest_ns + max(WAIT_NS, WAIT_PART * self._shortest_ns))

@@ -4,7 +4,7 @@ from collections import deque
 
 import pytest
 
-from robbie_mp.connect.link.send_window import MAX_BYTES, MAX_PART_BYTES, SendWindow
+from robbie_mp.connect.link.send_window import KEPT_NS, MAX_BYTES, MAX_PART_BYTES, SendWindow
 from robbie_mp.connect.link.under_way import Arrival, UnderWay
 from tools.test_network.delay import Delay
 
@@ -110,3 +110,18 @@ def test_less_is_under_way_after_each_loss() -> None:
     before = window.limit
     window.lost(1)
     assert window.limit == pytest.approx(before / 2, rel=0.01)
+
+
+def test_packets_go_one_by_one_until_several_round_trips_are_measured_again() -> None:
+    window, start_ns = SendWindow(), 10**9
+    window.take(Arrival(4_000, 10_000_000, 0, 4_000), start_ns)
+    assert window.has_room(1_000, start_ns)
+    now_ns = start_ns + KEPT_NS
+    window.take(Arrival(4_000, 300_000_000, 0, 4_000), now_ns)  # late, and no sign of a longer way
+    assert not window.has_room(1_000, now_ns)
+    for _ in range(20):
+        now_ns += 12_000_000
+        window.take(Arrival(4_000, 12_000_000, 0, 4_000), now_ns)
+    assert window.has_room(1_000, now_ns)
+    window.take(Arrival(100_000, 50_000_000, 20_000, 100_000), now_ns)
+    assert window.limit < 2.0e6 * 0.05
