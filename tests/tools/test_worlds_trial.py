@@ -50,3 +50,12 @@ def test_map_of_bad_odometry_is_much_better_and_no_slip_is_made_up(kind: str, se
     result = trial(kind, seed)
     assert result.ratio < most
     assert (result.untold, result.alarms, result.false_loops) == (0, 0, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_loops_along_a_bare_corridor_do_not_slide() -> None:
+    """Several slid by 1 to 1.5 m alike, to where a little more overlaps, and so agreed."""
+    result = trial("long way", 19)
+    assert result.ratio < 1.0
+    assert result.false_loops == 0
