@@ -42,6 +42,15 @@ modules:
 """
 CARD = ".robot-card[data-robot='{}'] "
 STOP_ALL = "#stop-all-state"
+NO_PICTURES = """
+const Plain = window.WebSocket;
+window.WebSocket = class extends Plain {
+  constructor(to) {
+    super(to.replace("/live/video", "/live/nothing"));
+  }
+};
+"""
+"""Connects the page with a group of live parts that is always empty, where it wants pictures."""
 
 
 @pytest.fixture
@@ -72,6 +81,19 @@ def test_all_robots_are_on_one_page_and_stop_at_one_press(team: dict[str, Robot]
         robot_that_does_not_confirm_is_named(page, blue)
         one_is_taken_over(page, blue)
         robot_without_a_link_is_stale_and_gets_the_stop_when_it_is_back(page, team)
+
+
+def test_card_says_that_there_is_no_picture_yet(robot: Robot) -> None:
+    file = HERE / "_support" / "team_robot.py"
+    (robot.folder / "zoo" / "team_robot.py").write_text(file.read_text())
+    ends = {"listen": f"tcp/127.0.0.1:{free_port()}", "connect": ""}
+    robot.write_profile(PROFILE % {"name": "red", **ends})
+    robot.start()
+    with browser() as started, page_of(started, address_of(robot), script=NO_PICTURES) as page:
+        page.wait_for_selector("#state-time")
+        open_panel(page, "robots")
+        page.wait_for_selector(f"{CARD.format('')} .newest-image .no-picture:text-is('no picture yet')")
+        assert page.locator(f"{CARD.format('')} .newest-image :is(img, canvas) >> visible=true").count() == 0
 
 
 def each_robot_is_shown(page: Page) -> None:

@@ -26,6 +26,7 @@ class MovingCamera(Module):
     """
 
     period_s = 0.1
+    topic = "camera"
 
     def setup(self) -> None:
         """Draw the scene."""
@@ -56,4 +57,4 @@ class MovingCamera(Module):
             step=3 * WIDTH,
             data=pixels.ravel(),
         )
-        self.publish(image, topic="camera")
+        self.publish(image, topic=self.topic)

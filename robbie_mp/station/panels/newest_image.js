@@ -3,14 +3,15 @@ import { video } from "robbie-live";
 // Shows the newest picture of a camera, and its age, which this browser measures: with the time at which the picture
 // was taken, and what it knows of the robot's clock (stop/emergency_stop.js).
 export default {
-  template: `<div class="newest-image" :class="{ grayscale: look === 'is-silent' }"><img ref="image" v-show="!reason && !is_frame" :alt="alt" draggable="false">
-    <canvas ref="canvas" v-show="!reason && is_frame" role="img" :aria-label="alt"></canvas>
+  template: `<div class="newest-image" :class="{ grayscale: look === 'is-silent' }"><img ref="image" v-show="shown === 'image' && !reason" :alt="alt" draggable="false">
+    <canvas ref="canvas" v-show="shown === 'frame' && !reason" role="img" :aria-label="alt"></canvas>
     <span v-if="reason" class="no-picture">No picture: {{ reason }}</span>
+    <span v-else-if="!shown" class="no-picture">no picture yet</span>
     <span v-if="note" class="picture-note" role="status">{{ note }}</span>
     <span v-if="age" class="picture-age" :class="look">{{ age }}</span></div>`,
   props: { camera: String, alt: String, drives: Boolean },
   data() {
-    return { age: "", look: "", reason: "", note: "", is_frame: false };
+    return { age: "", look: "", reason: "", note: "", shown: "" };
   },
   mounted() {
     this.born_s = null;
@@ -32,7 +33,7 @@ export default {
       const is_frame = !(picture instanceof Blob);
       const [width, height] = is_frame ? this.paint(picture) : await this.load(picture);
       if (!width) return (this.reason = "the browser cannot decode it");
-      this.is_frame = is_frame;
+      this.shown = is_frame ? "frame" : "image";
       (this.$el.closest(".camera-card") ?? this.$el.parentElement)?.style.setProperty("--ratio", width / height);
       this.born_s = born_s;
       if (this.drives) window.picture_to_drive_by = { element: this.$el, born_s: this.born_s };
