@@ -241,7 +241,6 @@ class Peer:
             for stream in self.streams.values():
                 stream.look_after(now_ns)
             self.streams[TrafficClass.STATE].repeat_newest(now_ns)
-            self.streams[TrafficClass.RELIABLE].pass_stalled(now_ns)
         self._measure_rate(now_ns)
         self.pump(now_ns)
 

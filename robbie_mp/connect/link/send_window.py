@@ -26,7 +26,8 @@ PACE = 1.25
 MAX_PAUSE_NS = 50_000_000
 """with at most this time between two."""
 START_BYTES = 32_000
-MIN_BYTES = 16_000
+MIN_BYTES = 6_000
+MIN_PART_BYTES = 1_000
 MAX_PART_BYTES = 60_000
 """Most bytes of a packet: it fits into one batch of Zenoh."""
 MAX_BYTES = 15 * MAX_PART_BYTES
@@ -44,11 +45,16 @@ PROBE_BYTES = 4_000
 class SendWindow:
     """Limits the bytes of a stream that are under way. Times in ns.
 
+    Args:
+        pauses: whether packets wait while the round trip is measured again. If not, those that happen to go
+            alone measure it.
+
     Attributes:
         limit: how many bytes may be under way.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, pauses: bool = True) -> None:
+        self._pauses = pauses
         self.limit = START_BYTES
         self._shortest_ns = 0
         """The shortest round trip; 0: none is known."""
@@ -70,7 +76,7 @@ class SendWindow:
 
     def part_bytes(self, under_way: int) -> int:
         """Return how many bytes the next packet may have, if others are under way."""
-        return min(self.limit // 8, MAX_PART_BYTES) if under_way else PROBE_BYTES
+        return max(MIN_PART_BYTES, min(self.limit // 8, MAX_PART_BYTES)) if under_way else PROBE_BYTES
 
     def has_room(self, under_way: int, now_ns: int) -> bool:
         """Whether one more packet may be sent."""
@@ -78,13 +84,14 @@ class SendWindow:
             return True
         # A pace for what does not fill the window would only delay it.
         is_its_turn = under_way < self.limit // 2 or now_ns >= self._next_ns
-        is_stale = 0 < self._stale_ns <= now_ns
+        is_stale = self._pauses and 0 < self._stale_ns <= now_ns
         return is_its_turn and under_way < self.limit and not is_stale
 
     def sent(self, size: int, now_ns: int) -> None:
         """Take note of a packet that is sent, so that the next ones follow at an even pace."""
         if self._pace:
-            self._next_ns = max(self._next_ns, now_ns - WAIT_NS) + round(size / self._pace)
+            pause_ns = min(size / self._pace, MAX_PAUSE_NS)  # the pace may be almost none after losses
+            self._next_ns = max(self._next_ns, now_ns - WAIT_NS) + round(pause_ns)
             self._next_ns = min(self._next_ns, now_ns + MAX_PAUSE_NS)
 
     def take(self, arrival: Arrival, now_ns: int) -> None:

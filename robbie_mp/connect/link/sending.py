@@ -57,14 +57,6 @@ MAX_REPEATS = 3
 """so often at most."""
 MAX_REPEATED_BYTES = 8 * DATAGRAM_BYTES
 """Longer messages are neither sent in copies nor, as states, again: they would fill a slow network."""
-STALLED_NS = 50_000_000
-"""If a report takes this much longer than a round trip, small packets of a stream go past it, too,"""
-PAST_AGAIN_NS = 100_000_000
-"""and again after this time,"""
-MAX_PAST_BYTES = 8_000
-"""as many as these bytes hold."""
-MAX_STATE_BYTES = 32_000
-"""States that may be under way: as datagrams, they have no window."""
 MAX_UNSETTLED_BYTES = 1 << 25
 """What may be unsettled at most, or as much as may wait."""
 
@@ -216,8 +208,6 @@ class SendStream:
     _progress_ns: int = 0
     """When the last packet was sent for the first time, or acknowledged."""
     _again_ns: int = 0
-    _past_ns: int = 0
-    """When packets last went past the stream."""
     _rewound_at: int = 0
     """The number of the last sending when everything was last to be sent again."""
     _told: tuple[int, int, int] = (0, 0, 0)
@@ -232,7 +222,8 @@ class SendStream:
     def __post_init__(self) -> None:
         self.manners = MANNERS[self.traffic]
         self.under_way = UnderWay()
-        self.window = None if self.manners.goes_as_datagrams else SendWindow()
+        is_stream = not self.manners.goes_as_datagrams
+        self.window = SendWindow(pauses=is_stream) if self.manners.waits_for_room else None
         self._most_waiting = MAX_URGENT if self.traffic is TrafficClass.URGENT else self.limits.messages
         self._again_ns = self._first_again_ns
 
@@ -246,7 +237,7 @@ class SendStream:
             self._borrowed.append(item)
         if self.manners.keeps_only_newest:
             key = item.channel.number
-            replaced = self.waiting.pop(key, None)
+            replaced = self.waiting.get(key)  # the new one takes its place, or it might never be its turn
             if replaced is not None:
                 self.waiting_bytes -= len(replaced.data)
                 replaced.data = b""
@@ -290,9 +281,7 @@ class SendStream:
 
     def has_room(self, now_ns: int) -> bool:
         """Whether one more packet may be under way."""
-        if self.window is not None:
-            return self.window.has_room(self.under_way.bytes, now_ns)
-        return self.traffic is not TrafficClass.STATE or self.under_way.bytes <= MAX_STATE_BYTES
+        return self.window is None or self.window.has_room(self.under_way.bytes, now_ns)
 
     def send_next(self, now_ns: int) -> bool:
         """Send one packet; False if there is none that may be sent now."""
@@ -344,7 +333,9 @@ class SendStream:
         data, start = begun.data, begun.start
         payload = data
         if start or len(data) > DATAGRAM_BYTES:  # a shorter one always is one packet
-            step = self.window.part_bytes(self.under_way.bytes) if self.window else DATAGRAM_BYTES
+            step = DATAGRAM_BYTES
+            if self.window is not None and not self.manners.goes_as_datagrams:
+                step = self.window.part_bytes(self.under_way.bytes)
             # More than this in one message has too many parts; the last ones then are larger.
             step = max(step, -(-len(data) // MAX_PARTS))
             if start or len(data) > step:
@@ -408,23 +399,6 @@ class SendStream:
                     self.resent += 1
                     sending = self.under_way.add(packet.sequence, packet.size, now_ns)
                     self.transmit(self._header(packet, packet.sequence, sending), payload, True)
-
-    def pass_stalled(self, now_ns: int) -> None:
-        """Send small packets past the stream, too, if it stalls because the network has lost something."""
-        oldest_ns = self.under_way.oldest_ns
-        if not oldest_ns or now_ns - oldest_ns < self._round_trip_ns * 5 // 4 + STALLED_NS:
-            return
-        if now_ns - self._past_ns < PAST_AGAIN_NS:
-            return
-        self._past_ns, left = now_ns, MAX_PAST_BYTES
-        for packet in self.sent:
-            left -= packet.size
-            if len(packet.payload) > DATAGRAM_BYTES or left < 0:
-                return
-            self.resent += 1
-            # Its number says nothing of what is under way in the stream.
-            header = self._header(packet, self.sent[0].sequence, packet.sequence)
-            self.transmit(header, packet.payload, True)
 
     def _header(self, packet: Packet, oldest: int, number: int) -> DataHeader:
         item, own = packet.item, self.address

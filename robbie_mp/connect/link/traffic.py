@@ -26,16 +26,28 @@ class Manners(NamedTuple):
     """Whether what is lost is sent again; then the receiver takes it in order, else what it gets."""
     keeps_only_newest: bool
     """Whether a message that waits is replaced by a newer one of its channel."""
+    waits_for_room: bool
+    """Whether it waits while as much of its class is under way as the network carries."""
     goes_as_datagrams: bool
     """Whether it goes past the stream in which the network repeats what it loses, while all else waits."""
 
 
 MANNERS = {
-    TrafficClass.URGENT: Manners(is_resent=True, keeps_only_newest=False, goes_as_datagrams=True),
-    TrafficClass.COMMAND: Manners(is_resent=False, keeps_only_newest=True, goes_as_datagrams=True),
-    TrafficClass.STATE: Manners(is_resent=False, keeps_only_newest=True, goes_as_datagrams=True),
-    TrafficClass.RELIABLE: Manners(is_resent=True, keeps_only_newest=False, goes_as_datagrams=False),
-    TrafficClass.BULK: Manners(is_resent=True, keeps_only_newest=True, goes_as_datagrams=False),
+    TrafficClass.URGENT: Manners(
+        is_resent=True, keeps_only_newest=False, waits_for_room=False, goes_as_datagrams=True
+    ),
+    TrafficClass.COMMAND: Manners(
+        is_resent=False, keeps_only_newest=True, waits_for_room=False, goes_as_datagrams=True
+    ),
+    TrafficClass.STATE: Manners(
+        is_resent=False, keeps_only_newest=True, waits_for_room=True, goes_as_datagrams=True
+    ),
+    TrafficClass.RELIABLE: Manners(
+        is_resent=True, keeps_only_newest=False, waits_for_room=True, goes_as_datagrams=False
+    ),
+    TrafficClass.BULK: Manners(
+        is_resent=True, keeps_only_newest=True, waits_for_room=True, goes_as_datagrams=False
+    ),
 }
 
 CLASSES = tuple(TrafficClass)

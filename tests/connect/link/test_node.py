@@ -331,29 +331,52 @@ def test_a_stream_without_reports_sends_one_packet_again_and_not_all() -> None:
     assert peer.resent <= before + 2
 
 
-def test_small_reliable_messages_go_past_a_stream_that_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
-    network, red, blue = two_robots(6)
-    carry, stalls = network.carry, [True]
-
-    def stall(sender: str, receiver: str, packet: Packet, payload: bytes, is_datagram: bool = False) -> None:
-        if isinstance(packet, DataHeader) and not is_datagram and stalls[0]:
-            network.at(
-                network.now_ns + 1000 * MS, lambda: carry(sender, receiver, packet, payload, is_datagram)
-            )
-        else:
-            carry(sender, receiver, packet, payload, is_datagram)
-
-    monkeypatch.setattr(network, "carry", stall)
-    for number in range(20):
-        red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(number, 100))
-        network.run(0.02)
-    network.run(0.2)
-    assert numbers(blue, RELIABLE) == list(range(20))
-    stalls[0] = False
+def test_subscriber_that_has_no_room_for_a_while_gets_everything_afterwards() -> None:
+    network, red, blue = two_robots(6, Conditions(delay_ns=2 * MS))
+    has_room = True
+    blue.fate = lambda _: Fate.PUBLISHED if has_room else Fate.NO_ROOM
+    for number in range(160):
+        has_room = not 20 <= number < 120
+        red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(number, 200))
+        network.run(0.05)
     network.run(2.0)
-    assert numbers(blue, RELIABLE) == list(range(20))
-    check_counts(red, blue, RELIABLE, 20)
+    assert numbers(blue, RELIABLE) == list(range(160))
     assert red.account(RELIABLE).under_way == 0
+
+
+def test_odometry_arrives_beside_large_states_over_a_long_and_fast_way() -> None:
+    network, red, blue = two_robots(6, Conditions(delay_ns=50 * MS, bytes_per_s=12.5e6))
+    scans = [ChannelId("sensor_msgs/msg/LaserScan", 1, name) for name in ("front", "rear")]
+    for number in range(100):
+        for scan in scans:
+            red.offer(scan, TrafficClass.STATE, bytes(12_000))
+        red.offer(STATE, TrafficClass.STATE, numbered(number, 500))
+        network.run(0.05)
+    network.run(1.0)
+    assert len(numbers(blue, STATE)) >= 90
+
+
+def test_states_do_not_pause_while_the_round_trip_is_measured_again() -> None:
+    network, red, blue = two_robots(6, Conditions(delay_ns=100 * MS, jitter_ns=30 * MS))
+    states = [ChannelId("nav_msgs/msg/Odometry", 1, name) for name in ("odom", "wheels", "goal", "pose")]
+    for _ in range(600):
+        for name in states:
+            red.offer(name, TrafficClass.STATE, bytes(500))
+        network.run(0.05)
+    arrived = [at for at, one in blue.journal if one.name == states[-1]]
+    assert max(after - before for before, after in pairwise(arrived)) < 300 * MS
+
+
+def test_state_that_is_replaced_keeps_its_turn() -> None:
+    network, red, blue = two_robots(6, Conditions(delay_ns=5 * MS, bytes_per_s=100_000))
+    scan = ChannelId("sensor_msgs/msg/LaserScan", 1, "scan")
+    for number in range(200):
+        if number % 10 == 0:
+            red.offer(scan, TrafficClass.STATE, bytes(30_000))
+        red.offer(STATE, TrafficClass.STATE, numbered(number, 500))
+        network.run(0.01)
+    arrived = [at for at, one in blue.journal if one.name == STATE]
+    assert max(after - before for before, after in pairwise(arrived)) < 700 * MS
 
 
 @pytest.mark.parametrize(("data", "shrinks"), [(bytes(500_000), True), (numbered(1, 500_000), False)])

@@ -125,3 +125,12 @@ def test_packets_go_one_by_one_until_several_round_trips_are_measured_again() ->
     assert window.has_room(1_000, now_ns)
     window.take(Arrival(100_000, 50_000_000, 20_000, 100_000), now_ns)
     assert window.limit < 2.0e6 * 0.05
+
+
+def test_window_still_sends_after_any_number_of_losses() -> None:
+    network = SlowNetwork(round_trip_ns=10_000_000)
+    network.run(1.0, 1e6)
+    for _ in range(2_000):
+        network.window.lost(network.now_ns)
+        network.window.sent(1_000, network.now_ns)
+    assert network.run(5.0, 1e6) > 0.5e6
