@@ -21,6 +21,10 @@ GROWTH_TRIPS = 6
 LONG_NS = 40_000_000
 """if these are longer than this, and the others longer by this on average. Else it grows quickly anyway."""
 SMOOTHING = 0.125
+LATE_NS = 60_000_000
+"""A packet whose round trip takes this much longer than the shortest has waited in a queue,"""
+LATE = 3
+"""if that is also this many times as much as the mean."""
 PACE = 1.25
 """Packets are sent at the measured rate, times this, or all that may be under way would go at once,"""
 MAX_PAUSE_NS = 50_000_000
@@ -98,8 +102,14 @@ class SendWindow:
         """Measure by what has arrived."""
         trip_ns = max(1, arrival.trip_ns)
         self._take_trip(trip_ns, now_ns, was_alone=not arrival.under_way)
-        self._excess_ns += SMOOTHING * (trip_ns - self._shortest_ns - self._excess_ns)
-        rate = arrival.bytes_meanwhile / trip_ns
+        rate, excess_ns = arrival.bytes_meanwhile / trip_ns, trip_ns - self._shortest_ns
+        is_late = excess_ns > max(LATE_NS, LATE * self._excess_ns)
+        self._excess_ns += SMOOTHING * (excess_ns - self._excess_ns)
+        if is_late:
+            # The network is the limit. The greatest rate is too high: several reports came at once.
+            self._greatest = [0.0, min(rate, max(self._greatest))]
+            self._set_limit(now_ns)
+            return
         # What had little under way says only that the network carries as much, not that it carries no more.
         if rate > max(self._greatest) or arrival.under_way >= self.limit // 2:
             self._take_rate(rate, now_ns)

@@ -222,8 +222,8 @@ class SendStream:
     def __post_init__(self) -> None:
         self.manners = MANNERS[self.traffic]
         self.under_way = UnderWay()
-        is_stream = not self.manners.goes_as_datagrams
-        self.window = SendWindow(pauses=is_stream) if self.manners.waits_for_room else None
+        may_pause = self.traffic is TrafficClass.BULK
+        self.window = SendWindow(pauses=may_pause) if self.manners.waits_for_room else None
         self._most_waiting = MAX_URGENT if self.traffic is TrafficClass.URGENT else self.limits.messages
         self._again_ns = self._first_again_ns
 

@@ -134,3 +134,12 @@ def test_window_still_sends_after_any_number_of_losses() -> None:
         network.window.lost(network.now_ns)
         network.window.sent(1_000, network.now_ns)
     assert network.run(5.0, 1e6) > 0.5e6
+
+
+def test_packet_that_waited_in_a_queue_says_how_much_the_network_carries() -> None:
+    window = SendWindow()
+    window.take(Arrival(1_000, 100_000_000, 0, 1_000), 1)
+    window.take(Arrival(1_000, 100_000_000, 0, 90_000), 2)
+    before = window.limit
+    window.take(Arrival(1_000, 200_000_000, before, 90_000), 3)
+    assert window.limit == pytest.approx(before / 2, rel=0.01)
