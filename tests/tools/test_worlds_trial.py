@@ -40,22 +40,3 @@ def test_map_of_a_world_is_much_better_than_its_odometry(kind: str) -> None:
 def test_crowd_is_not_taken_for_a_slip(seed: int) -> None:
     """People who walk along with the robot agreed better with the map at a pose 0.1 to 1 m off."""
     assert trial("crowd", seed).error_m < 0.05
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-@pytest.mark.parametrize(("kind", "seed", "most"), [("any", 40, 0.2), ("slips", 3, 0.1), ("slips", 10, 0.2)])
-def test_map_of_bad_odometry_is_much_better_and_no_slip_is_made_up(kind: str, seed: int, most: float) -> None:
-    """Odometry was trusted in turns, and judged where its scan had slid along a corridor."""
-    result = trial(kind, seed)
-    assert result.ratio < most
-    assert (result.untold, result.alarms, result.false_loops) == (0, 0, 0)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_loops_along_a_bare_corridor_do_not_slide() -> None:
-    """Several slid by 1 to 1.5 m alike, to where a little more overlaps, and so agreed."""
-    result = trial("long way", 19)
-    assert result.ratio < 1.0
-    assert result.false_loops == 0

@@ -85,16 +85,8 @@ class LaserSweep:
     @cached_property
     def is_wide(self) -> NDArray[np.bool_]:
         """Which of the hits show walls and other wide things, and not people; all if those are too few."""
-        return ~self._is_narrow if self.shows_walls else np.ones_like(self._is_narrow)
-
-    @property
-    def shows_walls(self) -> bool:
-        """Whether enough of the hits show wide things."""
-        return bool((~self._is_narrow).mean() >= LEAST_WIDE)
-
-    @cached_property
-    def _is_narrow(self) -> NDArray[np.bool_]:
-        return self.hits.narrow()
+        is_wide = ~self.hits.narrow()
+        return is_wide if is_wide.mean() >= LEAST_WIDE else np.ones_like(is_wide)
 
     @cached_property
     def walls(self) -> SurfacePoints:

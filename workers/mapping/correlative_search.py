@@ -14,7 +14,6 @@ from robbie_robots.workers.planar_pose import wrap_angle
 
 BLURS = 3  # radius of a reference point's blur, in standard deviations
 COARSEST = 4  # initial branches along a side of the window
-SAME = 3.0  # standard deviations within which two poses are not told apart
 BATCH = 256  # branches scored together, because numpy's cost is per call
 
 
@@ -45,28 +44,17 @@ class Found:
 
 @dataclass(frozen=True)
 class Around:
-    """Poses near a pose: this far on each side of it, in x and y (m) and in heading (rad).
-
-    Attributes:
-        pose: The pose.
-        distance_m: Greatest distance in x and in y.
-        angle_rad: Greatest turn.
-        information: `(3, 3)`. What it cannot tell from the pose, by three standard deviations, is near too.
-    """
+    """Poses near a pose: this far on each side of it, in x and y (m) and in heading (rad)."""
 
     pose: NDArray[np.float64]
     distance_m: float
     angle_rad: float
-    information: NDArray[np.float64] | None = None
 
     def holds(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which of the poses `(N, 3)` are near."""
-        off = poses - self.pose
-        off[:, 2] = wrap_angle(off[:, 2])
-        far = np.abs(off)
-        holds: NDArray[np.bool_] = (far[:, :2].max(axis=1) <= self.distance_m) & (far[:, 2] <= self.angle_rad)
-        if self.information is not None:
-            holds |= np.einsum("ni,ij,nj->n", off, self.information, off) <= SAME**2
+        off = np.abs(poses - self.pose)
+        turned = np.abs(wrap_angle(off[:, 2]))
+        holds: NDArray[np.bool_] = (off[:, :2].max(axis=1) <= self.distance_m) & (turned <= self.angle_rad)
         return holds
 
 

@@ -63,7 +63,7 @@ PLACE_M = 2.0  # travel after which the robot is at another place
 LARGE_M, LARGE_RAD = 0.1, 0.03  # loops that move the map by less are not weighed against its uncertainty
 IMPROBABLE = 3.0  # standard deviations
 SLACK = np.array([0.05, 0.05, 0.01])  # m, m, rad: the map's uncertainty is at least this
-SLIGHTLY_WORSE = 0.1  # share of surfaces by which a fit where the map has the robot may be worse
+SLIGHTLY_WORSE = 0.05  # share of surfaces by which a fit where the map has the robot may be worse
 SAME_PLACE = np.array([0.5, 0.5, 0.1])  # m, m, rad: what places that agree may differ by, and
 SAME_PER_M = 0.02  # m for each m of travel between them
 

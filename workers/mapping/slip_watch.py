@@ -21,7 +21,6 @@ from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
 from robbie_robots.workers.planar_pose import relative, transform_points, wrap_angle
 
 SUSPECT = 0.9  # share of the returns in known space that lie on surfaces, below which a better pose is sought
-REFUTED = 0.2  # the same: odometry is wrong, whatever hides the map
 DOUBTFUL = 0.7  # the same: a sweep below does not fit
 CLEARLY_BETTER = 0.15  # a pose found elsewhere must agree or overlap by this much more
 FAR_BETTER = 0.3  # the same if only the overlap is suspect, as of a scan of people or of new space
@@ -224,7 +223,7 @@ class SlipWatch:
         apart = np.hypot(*(self._keys.poses - guess)[:, :2].T)
         near = np.flatnonzero(places & (apart < NEAR_M + window.distance_m))[::-1]
         reference = self._keys.spaced(near, MOST_SWEEPS)
-        if not reference or not sweep.shows_walls:  # people stand elsewhere in each sweep
+        if not reference:
             return None, False
         hits, owner = self._together(sweep, guess)
         surfaces = self._keys.lasting_surfaces(reference)
@@ -243,9 +242,8 @@ class SlipWatch:
             refined = matcher.refine(hits, other.pose)
             is_same = bool(around.holds(refined.pose[None])[0])
             is_suspect = is_strained or agreement < SUSPECT
-            # If it slides to the place found, or along a corridor to where it fits, its own pose counts.
-            stays = Around(other.pose, RIVAL_M, RIVAL_RAD).holds(refined.pose[None])[0]
-            other = refined if stays and not is_same else matcher.fit(hits, other.pose)
+            # If it converges to the place found, the fit at its own pose counts.
+            other = matcher.fit(hits, other.pose) if is_same else refined
             agreement = self._agreement(other, hits, reference)
             better = overlap - other.on_surface.mean()
             # Where most returns lie on surfaces, the others may be people where the map is free.
@@ -254,16 +252,13 @@ class SlipWatch:
             # Of a place that hardly overlaps the map, agreement says little: it is a share of few returns.
             agrees_less = other.on_surface.mean() >= CONVINCING and agrees < agreement
             is_better = not agrees_less and better >= (CLEARLY_BETTER if is_suspect else FAR_BETTER)
-            refuted = self._in_free_space(other, hits, reference).mean() if agreement < REFUTED else 0.0
-            if is_better and not is_strained and refuted < CLEARLY_BETTER:
+            if is_better and not is_strained:
                 # New space and people also hide the map. After a slip, the sweep looks through its walls.
                 missing = self._missing(other, sweep, places) - self._missing(match, sweep, places)
                 is_better = missing >= CLEARLY_BETTER
             if not is_better:
                 return (match, False) if is_strained and not is_same else (None, False)
-        # Another spot along a bare corridor is no other place: odometry says how far along it the robot is.
-        around = replace(around, information=match.information)
-        best = Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD, match.information)
+        best = Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD)
         least = max(LEAST_SCORE, found.score - 2 * RIVAL_WORSE)
         second = search(field, hits.points, guess, window, least, best)
         if second is not None:
@@ -319,18 +314,13 @@ class SlipWatch:
         """Return the share of the returns in space seen before that lie on the surfaces seen there."""
         if match.on_surface.mean() >= SUSPECT:
             return float(match.on_surface.mean())  # at least
-        through = self._in_free_space(match, hits, reference)
-        both_saw = int((match.on_surface | through).sum())
-        return int(match.on_surface.sum()) / both_saw if both_saw else 1.0
-
-    def _in_free_space(self, match: Match, hits: SurfacePoints, reference: list[int]) -> NDArray[np.bool_]:
-        """Return which returns lie where a sweep of the reference saw free space."""
         places = transform_points(match.pose, hits.points)
         through = np.zeros(len(places), dtype=bool)
         for number in reference:
             seen_from = relative(self._keys.poses[number], np.zeros(3))
             through |= self._keys.sweeps[number].looked_through(transform_points(seen_from, places))
-        return through
+        both_saw = int((match.on_surface | through).sum())
+        return int(match.on_surface.sum()) / both_saw if both_saw else 1.0
 
 
 def _is_wide(sweep: LaserSweep) -> NDArray[np.bool_]:

@@ -24,15 +24,12 @@ RANGE_MAX_M = 12.0
 
 
 def measure(
-    pose: NDArray[np.float64],
-    random: np.random.Generator,
-    noise_m: float = 0.01,
-    segments: NDArray[np.float64] = SEGMENTS,
+    pose: NDArray[np.float64], random: np.random.Generator, noise_m: float = 0.01
 ) -> NDArray[np.float32]:
-    """A sweep `(180,)`, m, taken at a pose (x, y, heading) in the room, or between other segments."""
+    """A sweep `(180,)`, m, taken at a pose (x, y, heading) in the room."""
     bearings = pose[2] + ANGLE_MIN_RAD + INCREMENT_RAD * np.arange(BEAMS)
     ray = np.column_stack([np.cos(bearings), np.sin(bearings)])[:, None]
-    begin, along = segments[:, :2] - pose[:2], segments[:, 2:] - segments[:, :2]
+    begin, along = SEGMENTS[:, :2] - pose[:2], SEGMENTS[:, 2:] - SEGMENTS[:, :2]
     across = ray[..., 0] * along[:, 1] - ray[..., 1] * along[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / across

@@ -7,10 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
-from robbie_robots.workers.mapping.grid_mapper import FEWEST_HITS, NOWHERE, GridMapper
-from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.grid_mapper import GridMapper
 from robbie_robots.workers.mapping.pose_graph import PoseGraph
-from robbie_robots.workers.mapping.slip_watch import SlipWatch
 from robbie_robots.workers.planar_pose import compose, relative
 from tests.workers._support.synthetic_room import ANGLE_MIN_RAD, INCREMENT_RAD, RANGE_MAX_M, Drive, measure
 
@@ -94,26 +92,6 @@ def test_robot_that_stops_dead_in_a_short_silence_may_have_been_carried() -> Non
     mapper = carried(drive, 450, 500, is_silent=True)
     assert (mapper.gaps_noticed, mapper.gaps_open) == (1, 0)
     assert errors_m(drive, mapper)[-40:].max() < 0.06
-
-
-def seen_people(*places: tuple[float, float]) -> LaserSweep:
-    """A sweep in a yard whose walls are out of sight."""
-    bearings = ANGLE_MIN_RAD + INCREMENT_RAD * np.arange(180)
-    people = np.array(places)
-    along = np.outer(np.cos(bearings), people[:, 0]) + np.outer(np.sin(bearings), people[:, 1])
-    across = np.outer(np.cos(bearings), people[:, 1]) - np.outer(np.sin(bearings), people[:, 0])
-    with np.errstate(invalid="ignore"):
-        ranges = np.where((np.abs(across) < 0.15) & (along > 0), along - np.sqrt(0.15**2 - across**2), np.inf)
-    return LaserSweep.from_ranges(ranges.min(axis=1), *BEAMS)
-
-
-def test_robot_is_not_found_by_people_after_a_gap() -> None:
-    """A few scans of a crowd fitted others 1.3 m off, and bent a map of good odometry."""
-    keys = KeySweeps()
-    keys.add(seen_people((1.5, 0.6), (1.2, -0.8), (2.0, 0.0)), NOWHERE)
-    walked_on = seen_people((1.9, 1.0), (1.6, -0.4), (2.4, 0.4))
-    assert len(walked_on.hits) > FEWEST_HITS
-    assert SlipWatch(keys).bridged(walked_on, NOWHERE, np.array([0.5, 0.5, 0.2])) is None
 
 
 def test_drive_without_a_gap_has_none() -> None:
