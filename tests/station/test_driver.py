@@ -194,15 +194,3 @@ def test_command_of_a_station_that_stood_still_while_it_made_it_is_old(
 @pytest.mark.parametrize("sent", [None, [], {}, {"number": "x", "page_s": 1}, {"number": 1e400, "page_s": 1}])
 def test_malformed_answers_to_pings_are_ignored(monkeypatch: pytest.MonkeyPatch, sent: Any) -> None:
     Scene(monkeypatch).pong(SimpleNamespace(args=sent))
-
-
-def test_top_speed_falls_with_the_delay(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = Scene(monkeypatch)
-    speeds = []
-    for delay_s in (0.03, 0.06, 0.07, 0.08, 0.09):
-        scene.delay_s = delay_s
-        scene.now_s += WINDOW_S
-        scene.ping()
-        scene.hold(1.0)
-        speeds.append(scene.commands()[-1].linear_m_per_s / scene.driver.linear_m_per_s)
-    assert speeds == pytest.approx([1.0, 1.0, 0.775, 0.55, 0.325])

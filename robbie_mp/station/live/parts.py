@@ -18,9 +18,12 @@ from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from robbie_mp.station.live.network import NetworkCost, PageNetwork, UnderWay
 from robbie_mp.station.web.page_json import from_page
+
+if TYPE_CHECKING:
+    from robbie_mp.station.live.video import NetworkCost
 
 PACKET_BYTES = 1 << 16
 """Size at which a packet is full. A packet has at least one part of any size."""
@@ -35,9 +38,7 @@ COST_LIMIT_S = 0.05
 PROMPT_S = 0.03
 """A packet that takes no longer than this beyond the shortest time has not waited for the network."""
 USED_SHARE = 0.2
-"""Packets use this share of the network's time at most, and are late for no more."""
-ROOM_S = 0.02
-"""Time between two looks whether the page's network has room again."""
+"""Packets are late for this share of the time at most."""
 LONGEST_WAIT_S = 1.0
 """Longest time between two packets, whatever they cost."""
 MAX_TEXT = 100
@@ -94,20 +95,19 @@ class Follower:
     Args:
         live: the parts.
         groups: the groups to follow.
-        network: all that is sent to the page shares it.
+        cost: learns what packets cost the network.
     """
 
-    def __init__(self, live: LiveParts, groups: frozenset[str], network: PageNetwork):
+    def __init__(self, live: LiveParts, groups: frozenset[str], cost: NetworkCost):
         self.groups = groups
         self._live = live
         self._prefixes = tuple(f"{group}/" for group in groups)
         self._has: dict[str, tuple[int, int]] = {}
         """For each part, the version and the number of the packet that were last sent."""
         self._sent = self._drawn = 0
-        self._network, self._cost = network, NetworkCost()
-        network.costs.append(self._cost)
-        self._flying: deque[UnderWay] = deque()
-        """The packets that the page has not yet drawn."""
+        self._cost = cost
+        self._flying: deque[int] = deque()
+        """Sizes of the packets that the page has not yet drawn, bytes."""
         self._late_s = 0.0
         """How late the last packet was, because the network is slow."""
         self._free_s = -math.inf
@@ -126,28 +126,18 @@ class Follower:
     def hear(self, said: str) -> None:
         """Record that the page has drawn one more packet, and how long that was on its way."""
         if self._flying:
-            sent, way_s = self._flying.popleft(), way_of(said)
-            self._network.came(sent, way_s)
-            if way_s is not None:
-                self._cost.add(sent.size, way_s)
+            size = self._flying.popleft()
+            if (way_s := way_of(said)) is not None:
+                self._cost.add(size, way_s)
                 self._late_s = max(0.0, way_s - PROMPT_S)
-                self._wait_for(self._late_s)
+                self._free_s = self._loop.time() + min(LONGEST_WAIT_S, self._late_s / USED_SHARE)
         self._drawn = min(self._sent, self._drawn + 1)
         self._drawn_s = self._loop.time()
         self._changed.set()
 
-    def _wait_for(self, cost_s: float) -> None:
-        """Leave the network to others, after it was used for some time."""
-        wait_s = min(LONGEST_WAIT_S, cost_s / (USED_SHARE * self._network.share))
-        self._free_s = max(self._free_s, self._loop.time() + wait_s)
-
     def go(self) -> None:
         """Stop sending."""
         self._is_gone = True
-        while self._flying:
-            self._network.came(self._flying.popleft())
-        if self._cost in self._network.costs:
-            self._network.costs.remove(self._cost)
         self._live.leave(self)
         self._changed.set()
 
@@ -157,13 +147,10 @@ class Follower:
             self._changed.clear()
             behind, now_s = self._sent - self._drawn, self._loop.time()
             wait_s, ahead = self._free_s - now_s, 1 if self._late_s else PACKETS_AHEAD
-            if wait_s <= 0.0 and not self._network.has_room(self._late_s):
-                wait_s = ROOM_S
             if wait_s <= 0.0 and behind < ahead and (packet := self.packet()) is not None:
                 if not behind:
                     self._drawn_s = now_s
-                self._flying.append(sent := self._network.send(len(packet)))
-                self._wait_for(sent.cost_s)
+                self._flying.append(len(packet))
                 return packet
             left_s = self._drawn_s + DRAWING_LIMIT_S - now_s if behind else math.inf
             if left_s <= 0.0:
@@ -198,7 +185,7 @@ class Follower:
         size = 0
         for name, part in changed:
             grown = size + len(part.data)
-            if chosen and (grown > PACKET_BYTES or self._network.cost_s(grown) > COST_LIMIT_S):
+            if chosen and (grown > PACKET_BYTES or (self._cost.of(grown) or 0.0) > COST_LIMIT_S):
                 break
             size += len(part.data)
             chosen.append((name, part))

@@ -4,31 +4,17 @@ import asyncio
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Protocol
-from urllib.parse import parse_qs
 
 from starlette.types import Receive, Scope, Send
 
 from robbie_mp.station.live.h264 import VideoStreams
-from robbie_mp.station.live.network import PageNetwork
 from robbie_mp.station.live.parts import Follower, LiveParts
-from robbie_mp.station.live.video import VIDEO, VideoFollower
+from robbie_mp.station.live.video import VIDEO, NetworkCost, VideoFollower
 from robbie_mp.station.watch.pictures import NewestPicture
-from robbie_mp.station.web.gate import SESSION, App
+from robbie_mp.station.web.gate import App
 
 PATH = "/live/"
-"""Beginning of the connections' paths. The followed groups are next, such as `/live/map+marks?page=…`."""
-
-
-class LivePage(Protocol):
-    """A page that is open.
-
-    Attributes:
-        session: the visitor's session.
-        network: all that is sent to the page shares it.
-    """
-
-    session: str
-    network: PageNetwork
+"""Beginning of the connections' paths. The followed groups are next, such as `/live/map+marks`."""
 
 
 class Follows(Protocol):
@@ -45,24 +31,15 @@ class Follows(Protocol):
 
 
 def with_live(
-    app: App,
-    live: LiveParts,
-    cameras: Callable[[], Mapping[str, NewestPicture]],
-    streams: VideoStreams,
-    pages: Mapping[str, LivePage],
+    app: App, live: LiveParts, cameras: Callable[[], Mapping[str, NewestPicture]], streams: VideoStreams
 ) -> App:
     """Return an application that serves live parts and video, and passes other requests to another one."""
-
-    def network_of(scope: Scope) -> PageNetwork:
-        page = pages.get(parse_qs(scope["query_string"].decode("latin-1")).get("page", [""])[0])
-        return page.network if page is not None and page.session == scope[SESSION] else PageNetwork()
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket" and scope["path"].startswith(PATH):
             groups = frozenset(scope["path"][len(PATH) :].split("+"))
-            network = network_of(scope)
-            parts = partial(Follower, live, groups, network)
-            video = partial(VideoFollower, cameras, streams, network)
+            parts = partial(Follower, live, groups, NetworkCost())
+            video = partial(VideoFollower, cameras, streams)
             await serve(video if groups == {VIDEO} else parts, receive, send)
         else:
             await app(scope, receive, send)

@@ -22,7 +22,6 @@ from uvicorn.protocols.websockets.wsproto_impl import WSProtocol
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.station.web.access import Role
-from robbie_mp.station.web.compression import PageConnection
 from robbie_mp.station.web.listening import BACKLOG
 
 REQUEST_LIMIT_S = 5.0
@@ -40,8 +39,6 @@ RESERVED_DESCRIPTORS = 64
 """Number of descriptors reserved for the module's own files."""
 MIN_VISITORS = 16
 IPV6_NETWORK_BITS = 64
-STATES_PATH = "/_nicegui_ws/"
-"""Part of the path of the connection on which a page gets its states."""
 PROXIES = "trusted proxies"
 """The source of all their connections."""
 
@@ -225,15 +222,6 @@ class BoundedHttp(_Counted, H11Protocol):
 
 class BoundedWebSocket(_Counted, WSProtocol):
     """A counted WebSocket, which is closed if it requests answers without reading them."""
-
-    def __init__(self, rooms: Connections, **more: Any):
-        super().__init__(rooms, **more)
-        self.conn = self._page = PageConnection()
-
-    def handle_connect(self, event: Any) -> None:
-        """Compress what is sent if it is the states of a page."""
-        self._page.is_compressed = STATES_PATH in event.target.partition("?")[0]
-        super().handle_connect(event)
 
     def handle_ping(self, event: Any) -> None:
         """Answer a ping. The number of waiting answers is bounded."""

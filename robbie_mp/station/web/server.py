@@ -10,7 +10,6 @@ from typing import cast
 import uvicorn
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.station.web.compression import MAX_MESSAGE_BYTES
 from robbie_mp.station.web.connections import (
     BoundedHttp,
     BoundedWebSocket,
@@ -21,6 +20,8 @@ from robbie_mp.station.web.listening import BACKLOG
 
 START_LIMIT_S = 10.0
 STOP_LIMIT_S = 2.0
+MAX_MESSAGE_BYTES = 1 << 17
+"""Maximum size of a message from a page. A page that sends a larger one is disconnected."""
 MAX_HEADERS_BYTES = 1 << 14
 """Maximum size of a request's headers, including cookies."""
 
