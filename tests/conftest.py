@@ -33,7 +33,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if any(item.path.is_relative_to(folder) for folder in SLOW_FOLDERS):
             item.add_marker(pytest.mark.slow)
         if item.get_closest_marker("slow") and not item.get_closest_marker("timeout"):
-            item.add_marker(pytest.mark.timeout(SLOW_TIMEOUT_S))
+            limit_s = 0 if config.getoption("--exhaustive") else SLOW_TIMEOUT_S  # 0: none
+            item.add_marker(pytest.mark.timeout(limit_s))
     if not config.getoption("--exhaustive"):
         leave_out_cases(config, items)
     if turn := config.getoption("--turn"):
