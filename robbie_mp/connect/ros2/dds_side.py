@@ -71,6 +71,7 @@ _SETTINGS = """<CycloneDDS><Domain>
 PADDED_TO = 4
 MAX_KEPT, KEPT_BYTES = 8, 48 << 20
 """Most messages that a reliable publisher keeps until its readers have them, and most bytes of these."""
+HANDLES = 1 << 64
 LOOK_NS = 1_000_000_000
 """Time between two looks at the types of others' endpoints."""
 MAX_ENDPOINTS = 1000
@@ -408,7 +409,8 @@ class DdsSide:
         if self._names is None:
             return
         tellers = list(self._tellers)  # before the look: one that comes meanwhile is alive
-        alive = set(self._names.get_matched_publications())
+        # CycloneDDS's Python gives the numbers of publishers signed here, and unsigned with each message.
+        alive = {one % HANDLES for one in self._names.get_matched_publications()}
         for handle in [one for one in tellers if one not in alive]:
             self.admission.forget(self._tellers.pop(handle))
 

@@ -2,12 +2,15 @@
 
 import os
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
 
 from robbie_mp import ModuleHarness, Reply, Request
+from robbie_mp.connect.ros2.dds_side import DdsSide
 from robbie_mp.connect.ros2.module import Ros2Bridge
+from robbie_mp.connect.ros2.nodes import Admission
 from robbie_mp.messages import CancelNavigation, NavigationCancelled
 from robbie_mp.module.calls.peers import service_topic
 from tests.connect.ros2._support.ros_nodes import DISTRIBUTIONS, RosNode, ros_node, until
@@ -110,6 +113,20 @@ def test_messages_of_other_nodes_are_refused_and_latched_ones_wait_until_their_n
     heard = texts(bridge, "words") + texts(bridge, "text")
     assert all(b"tester" in one for one in heard)
     until(bridge, lambda: "of other nodes refused" in bridge.module.status)
+
+
+def test_node_stays_known_whatever_number_its_publisher_has() -> None:
+    """CycloneDDS's Python gives the same number signed or unsigned: every other node was forgotten."""
+    side = object.__new__(DdsSide)
+    side.admission = Admission(["/slam"], 1)
+    side.admission.tell(b"participant", {b"a": "/slam"})
+    side._tellers = {(1 << 64) - 5: b"participant"}
+    side._names = SimpleNamespace(get_matched_publications=lambda: [-5])
+    side._forget_names()
+    assert side.admission.admits(b"a")
+    side._names = SimpleNamespace(get_matched_publications=lambda: [])
+    side._forget_names()
+    assert not side.admission.admits(b"a")
 
 
 def test_services_of_the_robot_are_not_there_for_other_nodes(ros: Ros) -> None:
