@@ -204,18 +204,17 @@ class Peer:
                 return True
         return False
 
-    def _transmit(self, packet: DataHeader, payload: memoryview | bytes, as_datagram: bool) -> None:
-        header = packet
+    def _transmit(self, header: DataHeader, payload: memoryview | bytes, as_datagram: bool) -> None:
         if not as_datagram:
             # While others are under way, they go together: only few of Zenoh's batches may wait.
             is_alone = self.streams[header.traffic].under_way.bytes <= HEADER_BYTES + len(payload)
-            self._network.send(self.name, packet, payload, at_once=is_alone)
+            self._network.send(self.name, header, payload, at_once=is_alone)
             return
         is_urgent = header.traffic is TrafficClass.URGENT
         for _ in range(1 if is_urgent or header.whole > MAX_REPEATED_BYTES else self._copies):
-            self._send_datagram(packet, payload)
+            self._send_datagram(header, payload)
         if is_urgent:  # on every way there is
-            self._network.send(self.name, packet, payload)
+            self._network.send(self.name, header, payload)
 
     def _send_datagram(
         self, packet: DataHeader | ReceiverReport | Beat, payload: memoryview | bytes = b""

@@ -9,26 +9,26 @@ and how long other classes wait behind them where all share one stream.
 from robbie_mp.connect.link.under_way import Arrival
 
 WAIT_NS = 25_000_000
-"""The time for which more than the network carries may wait: so it shows that it carries more."""
+"""Packets may queue for this time: without a queue, nothing would show that the network carries more."""
 WAIT_PART = 0.25
-"""Or this part of the shortest round trip, if it is longer."""
+"""Packets may also queue for this share of the shortest round trip, if that is longer."""
 GROWTH = 1.25
-"""If the rate has grown by this factor, the window probably limits it, not the network."""
+"""If the rate grows by this factor, the window probably limits it, not the network."""
 GROWTH_GAIN = 1.3
-"""Then more may be under way, by this factor,"""
+"""While the rate grows over a long way that varies, the window is larger by this factor."""
 GROWTH_TRIPS = 6
-"""until it has not grown for so many of the shortest round trips,"""
+"""The rate has stopped growing when this many of the shortest round trips pass without growth."""
 LONG_NS = 40_000_000
-"""if these are longer than this, and the others longer by this on average. Else it grows quickly anyway."""
+"""A way is long if its shortest round trip exceeds this, and varies if the mean excess does."""
 SMOOTHING = 0.125
 LATE_NS = 60_000_000
-"""A packet whose round trip takes this much longer than the shortest has waited in a queue,"""
+"""A packet has waited in a queue if its round trip exceeds the shortest by more than this,"""
 LATE = 3
-"""if that is also this many times as much as the mean."""
+"""and by more than this many times the mean excess."""
 PACE = 1.25
-"""Packets are sent at the measured rate, times this, or all that may be under way would go at once,"""
+"""Packets are sent at this multiple of the measured rate; otherwise the whole window would go at once."""
 MAX_PAUSE_NS = 50_000_000
-"""with at most this time between two."""
+"""Longest time between two packets because of the pace."""
 START_BYTES = 32_000
 MIN_BYTES = 6_000
 MIN_PART_BYTES = 1_000
@@ -39,9 +39,9 @@ MAX_BYTES = 15 * MAX_PART_BYTES
 PERIOD_NS = 500_000_000
 """The rate is the greatest of this period and the one before it, or of 10 round trips if they take longer."""
 KEPT_NS = 10_000_000_000
-"""After this time without a round trip as short as the shortest, all must arrive. Then"""
+"""The shortest round trip is valid for this time. Then it is measured again, once nothing is under way."""
 PROBING_NS = 200_000_000
-"""for this time packets go one by one, and the shortest round trip counts: a single one may be late."""
+"""It is measured for this time, by packets that go one by one, because a single one may be late."""
 PROBE_BYTES = 4_000
 """Most bytes of a packet that goes alone."""
 
@@ -134,7 +134,7 @@ class SendWindow:
         self._set_limit(now_ns)
 
     def lost(self, now_ns: int) -> None:
-        """Take note that packets were lost: a queue on the way has no room for so many."""
+        """Take note that packets were lost: a queue on the way overflows."""
         self._greatest = [0.0, max(self._greatest) / 2]
         self._set_limit(now_ns)
 

@@ -54,7 +54,7 @@ MAX_UNREPORTED = 1024
 STATE_AGAIN_NS = 20_000_000
 """A state is sent again if its report takes this much longer than a round trip,"""
 MAX_REPEATS = 3
-"""so often at most."""
+"""at most this many times."""
 MAX_REPEATED_BYTES = 8 * DATAGRAM_BYTES
 """Longer messages are neither sent in copies nor, as states, again: they would fill a slow network."""
 MAX_UNSETTLED_BYTES = 1 << 25
@@ -253,7 +253,7 @@ class SendStream:
             self._drop_oldest()
 
     def _drop_oldest(self) -> None:
-        """Drop the message that has waited longest, and count it."""
+        """Drop the message of the channel that has waited longest, and count it."""
         _, oldest = self.waiting.popitem(last=False)
         self.waiting_bytes -= len(oldest.data)
         oldest.data = b""

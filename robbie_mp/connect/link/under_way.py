@@ -55,11 +55,6 @@ class UnderWay:
         self.bytes = 0
         self.arrived = 0
 
-    @property
-    def oldest_ns(self) -> int:
-        """When the oldest one under way was sent; 0: there is none."""
-        return self._sendings[0].sent_ns if self._sendings else 0
-
     def add(self, sequence: int, size: int, now_ns: int) -> int:
         """Count a sending; return its number.
 

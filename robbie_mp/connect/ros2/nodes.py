@@ -25,9 +25,9 @@ ALL_SENDERS: Final = 4
 PREFIX_BYTES: Final = 12
 """An endpoint of DDS is known by its participant and its number there; one of Zenoh only by itself."""
 NAME_WAIT_S: Final = 2.0
-"""How long they wait,"""
+"""How long they wait."""
 LATCHED_WAIT_S: Final = 60.0
-"""and how long a latched message does: it comes once, and on a busy machine names come late."""
+"""How long a latched message waits. It comes only once, and on a busy machine names come late."""
 NAMELESS: Final = "a node that does not tell its name"
 
 

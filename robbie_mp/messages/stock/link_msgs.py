@@ -36,7 +36,7 @@ class LinkPeer(Message, name="robbie_msgs/msg/LinkPeer", version=1):
     sessions: uint32 = DEFAULT  # how many there have been
     round_trip_s: float64 = DEFAULT
     loss: float32 = DEFAULT  # ratio of packets that had to be sent again
-    bandwidth_bytes_per_s: float64 = DEFAULT  # as measured
+    bandwidth_bytes_per_s: float64 = DEFAULT  # what arrived there in the last second
     under_way_bytes: uint64 = DEFAULT
     newest_state_age_s: float64 = DEFAULT
     clock_offset_s: float64 = DEFAULT  # the other robot's clock minus this one's
