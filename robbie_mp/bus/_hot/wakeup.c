@@ -75,6 +75,12 @@ static int sleep_while_seen(const struct wakeup *wakeup, const struct timespec *
     return errno == EAGAIN ? 0 : errno; /* EAGAIN: they differ */
 }
 
+int wakeup_nap(int64_t nap_ns)
+{
+    const struct timespec nap = {nap_ns / NS_PER_S, nap_ns % NS_PER_S};
+    return clock_nanosleep(CLOCK_MONOTONIC, 0, &nap, NULL);
+}
+
 int wakeup_wait(struct wakeup *wakeup, int64_t timeout_ns)
 {
     struct timespec until; /* by CLOCK_MONOTONIC, as futex(2) has it */

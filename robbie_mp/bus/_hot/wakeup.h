@@ -26,5 +26,7 @@ void wakeup_end_wait(struct wakeup *wakeup);
 /* Wait for a post and take all posts; 0, or the error's number: ETIMEDOUT, EINTR after a signal, others.
  * This may run without the GIL. */
 int wakeup_wait(struct wakeup *wakeup, int64_t timeout_ns);
+/* Sleep whatever is posted, so that nobody has to wake this process; 0, or EINTR after a signal. */
+int wakeup_nap(int64_t nap_ns);
 
 #endif

@@ -15,6 +15,7 @@ cdef extern from "wakeup.h":
     void wakeup_begin_wait(wakeup *wakeup)
     void wakeup_end_wait(wakeup *wakeup)
     int wakeup_wait(wakeup *wakeup, int64_t timeout_ns) nogil
+    int wakeup_nap(int64_t nap_ns) nogil
 
 cdef double MAX_TIMEOUT_S = 1e9  # 30 years: longer ones do not fit into 64 bits of ns
 
@@ -25,6 +26,7 @@ cdef class Wakeup:
     cdef wakeup wakeup
     cdef held_words posts, who_sleeps
     cdef bint is_disowned
+    cdef public int64_t patience_ns
 
     def __cinit__(self, posts, asleep=None, Py_ssize_t at=0):
         hold_words(&self.posts, posts, True)
@@ -70,12 +72,23 @@ cdef class Wakeup:
 
     cdef bint wait_ns(self, int64_t timeout_ns) except -1:
         """Wait for a post and take all posts; False after the time-out or a signal. Other threads run meanwhile."""
+        cdef int error
+        cdef bint is_limited = timeout_ns >= 0
+        cdef int64_t nap_ns = min(self.patience_ns, timeout_ns) if is_limited else self.patience_ns
+        if nap_ns > 0:
+            with nogil:
+                error = wakeup_nap(nap_ns)
+            if error == EINTR:
+                PyErr_CheckSignals()
+                return False
+            if is_limited:
+                timeout_ns -= nap_ns
         self.check_open()  # what Python did since the caller looked may have closed it
         if wakeup_take(&self.wakeup):
             return True
         if timeout_ns == 0:
             return False
-        cdef int error = self.sleep(timeout_ns)
+        error = self.sleep(timeout_ns)
         if error == EINTR:
             PyErr_CheckSignals()  # the caller looks at what the signal's handler has changed
         elif error not in (0, ETIMEDOUT):

@@ -5,7 +5,7 @@ import re
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,7 +143,7 @@ class RunObserver:
         """Return the figures of all channels."""
         return [
             ChannelFigures(
-                **asdict(row.counts),
+                **vars(row.counts),
                 **row.name._asdict(),
                 publishers=tuple(
                     self._board.name(slot) for slot in row.publishers if slot < self._board.slots
@@ -218,7 +218,7 @@ class RunObserver:
         for row in self._tables.subscriptions():
             name, counts, slot = row.name, row.counts, row.slot
             figures = SubscriptionFigures(
-                **asdict(counts),
+                **vars(counts),
                 type_name=name.type_name,
                 topic=name.topic,
                 handling=row.handling.name,

@@ -66,9 +66,8 @@ class Wakeup:
         self._random = Random()
         self._native: Any = None
         self.spin_s = 0.0
-        """A wait polls for this time before it sleeps. Meanwhile other threads rarely get the GIL."""
-        self.patience_s = 0.0
-        """A wait sleeps at least for this time before it looks for posts, so one wake-up serves several."""
+        """A wait without patience polls this long before it sleeps. Other threads rarely get the GIL then."""
+        self._patience_s = 0.0
         self.post: Callable[[], None] = self._post
         if native is not None:
             self._native = native.Wakeup(posts, asleep, at)
@@ -108,8 +107,19 @@ class Wakeup:
 
     @property
     def sleeps_in_c(self) -> bool:
-        """Whether a wait in C that sleeps at once is the same as `wait`."""
-        return self._native is not None and not self.spin_s and not self.patience_s
+        """Whether a wait in C is the same as `wait`."""
+        return self._native is not None and not self.spin_s
+
+    @property
+    def patience_s(self) -> float:
+        """A wait sleeps at least for this time before it looks for posts, so one wake-up serves several."""
+        return self._patience_s
+
+    @patience_s.setter
+    def patience_s(self, patience_s: float) -> None:
+        self._patience_s = patience_s
+        if self._native is not None:
+            self._native.patience_ns = round(min(max(patience_s, 0.0), MAX_TIMEOUT_S) * 1e9)
 
     @property
     def has_posts(self) -> bool:
@@ -123,11 +133,11 @@ class Wakeup:
 
         The wait releases the GIL. It takes all posts at once, because the caller then looks at every ring.
         """
-        if self.patience_s:
-            nap_s = self.patience_s if timeout_s is None else min(self.patience_s, timeout_s)
+        if self._native is None and self._patience_s:
+            nap_s = self._patience_s if timeout_s is None else min(self._patience_s, timeout_s)
             time.sleep(nap_s)
             timeout_s = None if timeout_s is None else timeout_s - nap_s
-        if self.spin_s:
+        if self.spin_s and not self._patience_s:
             spin_s = self.spin_s if timeout_s is None else min(self.spin_s, timeout_s)
             end_ns = time.monotonic_ns() + spin_s * 1e9
             while not self.has_posts and time.monotonic_ns() < end_ns:

@@ -25,7 +25,9 @@ class EndWatch:
     def __init__(self, run_id: str, rows: Sequence[str], seen: dict[str, tuple[int, int]]):
         self._segment = Segment.attach(names.board(run_id), SegmentKind.BOARD)
         self._board = Board(self._segment.words)
-        self._slots = [slot for slot, name in enumerate(rows) if slot and not name.startswith(TOOL_PREFIX)]
+        self._modules = {
+            slot: name for slot, name in enumerate(rows) if slot and not name.startswith(TOOL_PREFIX)
+        }
         self._seen = seen
 
     def look(self) -> Iterator[tuple[str, int]]:
@@ -33,9 +35,8 @@ class EndWatch:
 
         If a module has crashed several times since, only the last one is described.
         """
-        for slot in self._slots:
+        for slot, name in self._modules.items():
             ended_ns, state, incarnation = self._board.end_of(slot)
-            name = self._board.name(slot)
             before = self._seen.get(name, (0, 0))
             now = ended_ns, incarnation if state == FAILED else 0
             if now == before:

@@ -156,9 +156,10 @@ class Spool:
             return
         channel = self._channels.get(key) or self._open(recorder, key)
         now_s = time.monotonic()
-        self._room = min(self._most_room, self._room + (now_s - self._took_s) * BYTES_PER_S)
+        room = self._room + (now_s - self._took_s) * BYTES_PER_S
+        self._room = room = room if room < self._most_room else self._most_room
         self._took_s = now_s
-        if len(data) > min(MAX_MESSAGE_BYTES, self._room):
+        if len(data) > MAX_MESSAGE_BYTES or len(data) > room:
             self.left_out += 1
             recorder.count_dropped(key, 1)
             return

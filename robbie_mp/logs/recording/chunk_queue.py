@@ -37,7 +37,8 @@ class ChunkQueue:
         self._limits = limits
         self._monotonic_ns = monotonic_ns
         self._close_after_ns = round(limits.close_after_s * 1e9)
-        self._condition = threading.Condition(threading.Lock())
+        self._lock = threading.Lock()
+        self._condition = threading.Condition(self._lock)
         self._open: Chunk | None = None
         self._closed: deque[Chunk] = deque()
         self._bytes = 0
@@ -61,7 +62,7 @@ class ChunkQueue:
         """
         size = RECORD_HEAD_BYTES + len(data)
         limits = self._limits
-        with self._condition:
+        with self._lock:
             if self._bytes + size > limits.buffer_bytes and self._bytes:
                 return False
             self._bytes += size
@@ -87,7 +88,7 @@ class ChunkQueue:
 
         The chunk counts as waiting until `written` is called.
         """
-        with self._condition:
+        with self._lock:
             while True:
                 now_ns = self._monotonic_ns()
                 if self._open is not None and (
@@ -109,23 +110,23 @@ class ChunkQueue:
 
     def flush(self) -> None:
         """Hand out all that has been added until now, and then let `take` return None."""
-        with self._condition:
+        with self._lock:
             self._close_open()
             self._is_flushed = True
             self._condition.notify()
 
     def written(self, chunk: Chunk) -> None:
         """Release a chunk that was taken."""
-        with self._condition:
+        with self._lock:
             self._bytes -= len(chunk.data)
 
     def end(self) -> None:
         """Take no more messages. Chunks that wait can still be taken."""
-        with self._condition:
+        with self._lock:
             self._ended = True
             self._condition.notify()
 
     def sleep(self, seconds: float) -> None:
         """Sleep, but no longer than until the end."""
-        with self._condition:
+        with self._lock:
             self._condition.wait_for(lambda: self._ended, seconds)

@@ -246,7 +246,7 @@ def test_spinning_process_polls_for_a_post_before_it_sleeps() -> None:
         has_posts = property(lambda _self: next(looks))
 
         def __init__(self) -> None:
-            self._native, self.patience_s, self.spin_s = None, 0.0, 60.0
+            self._native, self._patience_s, self.spin_s = None, 0.0, 60.0
 
         def _take(self) -> bool:
             return False
