@@ -118,13 +118,13 @@ def pose(x):
     made = PoseStamped()
     made.header.frame_id, made.pose.position.x, made.pose.orientation.w = "map", x, 1.0
     return made
-clients, sent = {}, []
+# All from the beginning: what a server tells before it has found a new client's subscription is lost.
+clients = {name: Client(node, getattr(nav2_msgs.action, kind), name) for kind, name in names.items()}
+sent = []
 class Sent:
     def __init__(self, kind, name, fields):
         self.answer = self.end = None
         self.feedback = []
-        if name not in clients:
-            clients[name] = Client(node, kind, name)
         assert clients[name].wait_for_server(20.0)
         future = clients[name].send_goal_async(kind.Goal(**fields), self.on_feedback)
         future.add_done_callback(self.on_answer)
@@ -261,7 +261,7 @@ def driver(
     robot.start()
     robot.until(lambda top: all(one["state"] == "RUNNING" for one in top.values()))
     with ros_node(distribution, domain, folder) as node:
-        node.run(CLIENT, interfaces=str(folder))
+        node.run(CLIENT, interfaces=str(folder), names=NAMES)
         yield Driver(robot, node, distribution)
 
 
