@@ -306,7 +306,5 @@ int add_message_types(PyObject *module)
     if (codec_name == NULL && (codec_name = PyUnicode_InternFromString("_codec")) == NULL)
         return -1;
     codec_type.tp_methods = codec_methods;
-    if (PyModule_AddType(module, &codec_type) != 0)
-        return -1;
-    return ready_pinned_buffer();
+    return PyModule_AddType(module, &codec_type);
 }

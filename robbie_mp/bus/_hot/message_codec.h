@@ -103,10 +103,6 @@ PyObject *lay_out(struct message_codec *codec, PyObject *fields, PyObject *pytho
 /* Get a writable buffer of bytes, and from which byte on it is used; false: left to Python. */
 bool get_room(Py_buffer *view, PyObject *buffer, PyObject *offset, Py_ssize_t *start);
 
-/* An object with the buffer of `buffer`: a reference to it keeps `buffer` itself, not only what that refers to. */
-PyObject *pinned_buffer(PyObject *buffer, int flags);
-int ready_pinned_buffer(void);
-
 static inline PyObject **slot_of(PyObject *message, const struct message_field *field)
 {
     return (PyObject **)((char *)message + field->slot);

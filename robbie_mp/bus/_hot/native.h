@@ -39,7 +39,6 @@ void raise_forked_process(void);
 /* Each adds its types and functions to the module; 0, or -1 with an exception set. */
 int add_message_types(PyObject *module);
 int add_message_layout_type(PyObject *module);
-int add_message_bytes_type(PyObject *module);
 
 /* The types in Cython. What it makes defines them after it has included what uses them. */
 struct block_object;
@@ -48,6 +47,7 @@ struct history_object;
 struct kept_blocks_object;
 struct lock_object;
 struct mapped_segment_object;
+struct message_bytes_object;
 struct pins_object;
 struct publisher_object;
 struct subscriber_object;

@@ -23,14 +23,12 @@ cdef extern from "fuse.h":
 cdef extern from "native.h":
     int add_message_types(object module) except -1
     int add_message_layout_type(object module) except -1
-    int add_message_bytes_type(object module) except -1
 
 LAYOUT_VERSION = LAYOUT_VERSION_IN_C
 SOURCES = ROBBIE_SOURCES.decode()
 add_fuse_types(this_module())
 add_message_types(this_module())
 add_message_layout_type(this_module())
-add_message_bytes_type(this_module())
 
 include "words.pxi"
 include "ring.pxi"

@@ -3,7 +3,6 @@
 #include "endpoint_bindings.h"
 #include "history.h"
 #include "message_codec.h"
-#include "pins.h"
 #include "clock.h"
 #include "figures.h"
 

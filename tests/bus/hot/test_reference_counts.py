@@ -11,7 +11,9 @@ from tests.bus.hot._support.build import HOT
 
 PROGRAM = "tests.bus.hot._support.reference_counts"
 PLANTED = {
-    "a message too many": ("pins.c", "    Py_DECREF(tuple);\n", "", "exchanging", "blocks of memory"),
+    "a message too many": (
+        "subscriber.c", "    Py_DECREF(message.bytes);\n", "", "exchanging", "blocks of memory"
+    ),
     "None too often": (
         "endpoint_bindings.c", "lock_give(self->lock);\n    Py_XDECREF(result);", "lock_give(self->lock);",
         "routing", "references to None",
