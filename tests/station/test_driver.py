@@ -9,8 +9,10 @@ import pytest
 from robbie_mp.messages import DriveCommand
 from robbie_mp.station.driving import driver, held_control
 from robbie_mp.station.driving.dead_man import WINDOW_S, DeadManSwitch
+from robbie_mp.station.driving.driver import MIN_SHARE
 from robbie_mp.station.driving.held_control import VALID_FOR
 from robbie_mp.station.driving.seat import DriversSeat
+from robbie_mp.station.live.network import PageNetwork
 
 
 class Scene:
@@ -19,7 +21,9 @@ class Scene:
     def __init__(self, monkeypatch: pytest.MonkeyPatch):
         self.now_s = 100.0
         self.delay_s = 0.0
-        """Delay of the network in each direction. The page's clock is the robot's."""
+        """Delay of the network in each direction."""
+        self.ahead_s = 0.0
+        """The page's clock is ahead of the robot's by this."""
         elements = Mock()
         monkeypatch.setattr(driver, "DriverKeys", elements)
         monkeypatch.setattr(driver, "ui", ui := Mock())
@@ -46,7 +50,7 @@ class Scene:
         """Let the page answer a ping."""
         self._look()
         ((_, number), _) = self._answer.call_args
-        page_s = self.now_s + self.delay_s
+        page_s = self.now_s + self.delay_s + self.ahead_s
         self.now_s += 2 * self.delay_s
         self.pong(SimpleNamespace(args={"number": number, "page_s": page_s}))
         self._look()
@@ -194,3 +198,31 @@ def test_command_of_a_station_that_stood_still_while_it_made_it_is_old(
 @pytest.mark.parametrize("sent", [None, [], {}, {"number": "x", "page_s": 1}, {"number": 1e400, "page_s": 1}])
 def test_malformed_answers_to_pings_are_ignored(monkeypatch: pytest.MonkeyPatch, sent: Any) -> None:
     Scene(monkeypatch).pong(SimpleNamespace(args=sent))
+
+
+def test_top_speed_falls_with_the_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    speeds = []
+    for delay_s in (0.03, 0.06, 0.07, 0.08, 0.09):
+        scene.delay_s = delay_s
+        scene.now_s += WINDOW_S
+        scene.ping()
+        scene.hold(1.0)
+        speeds.append(scene.commands()[-1].linear_m_per_s / scene.driver.linear_m_per_s)
+    assert speeds == pytest.approx([1.0, 1.0, 0.775, 0.55, 0.325])
+
+
+def test_speed_is_the_lowest_while_the_delay_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    scene.now_s += WINDOW_S + 0.1  # and no ping could be sent meanwhile
+    scene.hold(1.0)
+    assert scene.driver.slowed == pytest.approx(MIN_SHARE)
+
+
+def test_clock_of_a_page_that_jumps_makes_nothing_rarer(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    scene.page.network = PageNetwork()
+    for ahead_s in (0.0, 5.0, -5.0, 0.0):
+        scene.ahead_s = ahead_s
+        scene.ping()
+    assert scene.page.network.share == 1.0

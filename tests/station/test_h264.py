@@ -26,10 +26,10 @@ from robbie_mp.station.live.h264 import (
     VideoStream,
     VideoStreams,
 )
+from robbie_mp.station.live.network import NetworkCost, PageNetwork
 from robbie_mp.station.live.video import (
     COST_LIMIT_S,
     SHORTEST_WAY_S,
-    NetworkCost,
     VideoFollower,
     WantedVideo,
 )
@@ -161,7 +161,7 @@ class StreamedCamera:
         self.latest.put(image or image_of(halves()))
 
     def follower(self, streams: VideoStreams) -> VideoFollower:
-        return VideoFollower(lambda: {"eye": self.picture, "rear": self.picture}, streams)
+        return VideoFollower(lambda: {"eye": self.picture, "rear": self.picture}, streams, PageNetwork())
 
     async def next_of(self, follower: VideoFollower) -> dict[str, Any]:
         packet = await follower.next()

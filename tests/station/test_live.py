@@ -14,9 +14,9 @@ import socketio
 from engineio.async_socket import AsyncSocket
 
 from robbie_mp.station.live import LiveParts
+from robbie_mp.station.live.network import NetworkCost, PageNetwork
 from robbie_mp.station.live.parts import PACKET_BYTES, PACKETS_AHEAD, SENT, SMALL_BYTES, Follower, way_of
 from robbie_mp.station.live.server import serve
-from robbie_mp.station.live.video import NetworkCost
 from robbie_mp.station.page.build import MAX_WAITING_PACKETS, NAMESPACE, BrowserLink
 from robbie_mp.station.web.listening import listen
 
@@ -37,8 +37,14 @@ def unpacked(packet: bytes | None) -> dict[str, bytes]:
     return parts
 
 
+AT_ONCE = NetworkCost()
+AT_ONCE.add(PACKET_BYTES, 0.0)
+
+
 def following(live: LiveParts, *groups: str) -> Follower:
-    return Follower(live, frozenset(groups), NetworkCost())
+    network = PageNetwork()
+    network.costs.add(AT_ONCE)
+    return Follower(live, frozenset(groups), network)
 
 
 def test_packet_contains_the_changes_of_the_followed_groups() -> None:
@@ -157,7 +163,7 @@ def test_closed_page_requests_nothing() -> None:
         told: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         sent: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         told.put_nowait({"type": "websocket.connect"})
-        follow = partial(Follower, live, frozenset({"map"}), NetworkCost())
+        follow = partial(Follower, live, frozenset({"map"}), PageNetwork())
         serving = asyncio.ensure_future(serve(follow, told.get, sent.put))  # type: ignore[arg-type]
         assert (await sent.get())["type"] == "websocket.accept"
         live.put("map", {"place": b"here"})

@@ -4,6 +4,7 @@ import asyncio
 import json
 import logging
 import struct
+import time
 from collections.abc import Coroutine
 from typing import Any
 
@@ -12,12 +13,12 @@ import pytest
 
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.station.live.h264 import VideoStreams
+from robbie_mp.station.live.network import NetworkCost, PageNetwork
 from robbie_mp.station.live.video import (
     COST_LIMIT_S,
     GRADES,
     MAX_AHEAD,
     MAX_WANTED,
-    NetworkCost,
     VideoFollower,
     WantedVideo,
 )
@@ -25,6 +26,8 @@ from robbie_mp.station.watch.latest import Latest
 from robbie_mp.station.watch.pictures import NewestPicture
 
 BIT_PER_BYTE = 8.0
+AT_ONCE_BYTES = 3000
+"""What a network lets pass at once."""
 LOG = logging.getLogger("video")
 
 
@@ -50,7 +53,7 @@ def about(packet: bytes | None) -> dict[str, Any]:
 
 
 def follower_of(picture: NewestPicture, name: str = "eye") -> VideoFollower:
-    return VideoFollower(lambda: {name: picture}, VideoStreams(LOG))
+    return VideoFollower(lambda: {name: picture}, VideoStreams(LOG), PageNetwork())
 
 
 def run(steps: Coroutine[Any, Any, None]) -> None:
@@ -170,5 +173,34 @@ def test_ill_formed_words_of_a_page_do_no_harm(said: str) -> None:
         assert packet["camera"] == "eye"
         follower.hear(said)
         follower.go()
+
+    run(steps())
+
+
+def test_dark_scene_that_turns_bright_does_not_fill_a_slow_network() -> None:
+    async def steps() -> None:
+        camera, loop = Camera(), asyncio.get_running_loop()
+        follower = follower_of(camera.picture)
+        follower.hear('{"want": {"eye": 640}}')
+        byte_per_s, free_s, waits_s = 0.3e6 / BIT_PER_BYTE, 0.0, []
+
+        async def show() -> None:
+            nonlocal free_s
+            while (packet := await follower.next()) is not None:
+                now_s = time.monotonic()
+                free_s = max(free_s, now_s) + len(packet) / byte_per_s
+                waits_s.append(free_s - now_s)
+                said = json.dumps({"way_s": max(0.0, waits_s[-1] - AT_ONCE_BYTES / byte_per_s)})
+                loop.call_later(waits_s[-1], follower.hear, said)
+
+        page = asyncio.ensure_future(show())
+        noise = np.random.default_rng(1).integers(0, 256, (480, 640), np.uint8)
+        for pixels in 15 * [0 * noise] + 10 * [noise]:
+            camera.latest.put(Image(height=480, width=640, encoding="mono8", step=640, data=pixels.ravel()))
+            await asyncio.sleep(0.1)
+        follower.go()
+        await page
+        assert len(waits_s) > 10
+        assert max(waits_s) < 0.7, waits_s
 
     run(steps())

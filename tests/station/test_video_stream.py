@@ -40,6 +40,17 @@ BREAK = """(how) => {
   look();
 }"""
 """Breaks the browser's decoder, and measures how long the page takes to show JPEG."""
+OPENED = """
+const Plain = window.WebSocket;
+window.opened = [];
+window.WebSocket = class extends Plain {
+  constructor(to) {
+    super(to);
+    window.opened.push({ to, is_early: !document.getElementById("emergency-stop-state") });
+  }
+};
+"""
+"""Notes each connection that the page opens, and whether its elements were not there yet."""
 FALLBACK_S = 1.0
 SAMPLES, MAX_ERROR_S = 30, 0.1
 
@@ -115,3 +126,15 @@ def test_picture_that_the_browser_cannot_decode_is_told_and_does_not_look_new(ro
         born_s = page.evaluate("window.picture_to_drive_by.born_s")
         page.wait_for_timeout(500)
         assert page.evaluate("window.picture_to_drive_by.born_s") == born_s
+
+
+def test_connection_of_the_pictures_opens_before_the_page_is_there(robot: Robot) -> None:
+    robot.write_profile(PROFILE)
+    robot.start()
+    address = address_of(robot)
+    with browser() as started:
+        for _ in range(2):  # the station must know the camera before the page is made
+            with page_of(started, address, script=OPENED) as page:
+                page.wait_for_selector(".camera-picture .picture-age")
+                opened = page.evaluate("window.opened")
+        assert [one["is_early"] for one in opened if "/live/video" in one["to"]] == [True]

@@ -13,6 +13,7 @@ import json
 import math
 import os
 import re
+import subprocess
 import sys
 import tempfile
 import time
@@ -32,7 +33,7 @@ from tools.operator.chromium import chromium_by
 from tools.operator.scene import Scene
 from tools.operator.video import conditions
 from tools.robot import REPOSITORY, stopping
-from tools.test_network.network import Host, Network
+from tools.test_network.network import DEVICE, Host, Network
 
 MAZE = REPOSITORY / "hw" / "simulation" / "arenas" / "rescue_maze.yaml"
 LANE_M = 1.5
@@ -60,15 +61,34 @@ STANDS_S = 1.5
 LOOK = """() => {
   const text = (what) => document.querySelector(what)?.textContent ?? "";
   const arcs = [...document.querySelectorAll("#hud-ring path")];
+  const map = document.querySelector("#map-view")?.parentElement;
   return {
     map: text("#map-text"),
     speed: text("#velocity"),
     age_s: parseFloat(text(".camera-picture .picture-age")),
+    map_age_s: parseFloat(map?.dataset.age?.match(/[\\d.]+/)) || 1.0,
     ring: Object.fromEntries(arcs.map(({ dataset }) => [dataset.at, parseFloat(dataset.m)])),
     touches: text("#hud-bumper"),
     why: [text("#control-who"), text("#control-why"), text("#control-link"), text(".hud-hint")].join("; "),
   };
 }"""
+TRAFFIC = """(() => {
+  const bytes = (window.bytes_of = {}), trips = (window.trips_ms = []);
+  const Plain = window.WebSocket;
+  window.WebSocket = class extends Plain {
+    constructor(...to) {
+      super(...to);
+      const kind = new URL(this.url).pathname.split("/").at(-1) || "state";
+      const count = ({ data }) => (bytes[kind] = (bytes[kind] ?? 0) + (data.byteLength ?? data.length));
+      this.addEventListener("message", count);
+    }
+  };
+  addEventListener("robbie-link", ({ detail }) => trips.push(detail.age_ms));
+})()"""
+"""Counts bytes (of a text, characters) of each kind of connection; notes the age of the page's link, ms."""
+KINDS = {"video": "pictures", "marks+map": "map", "state": "states", "emergency-stop": "stop"}
+BEGIN = "() => { window.trips_ms.length = 0; for (const kind in window.bytes_of) window.bytes_of[kind] = 0; }"
+RECEIVED = re.compile(rf"{DEVICE}: *(\d+)")
 POSE = re.compile(r"robot at (-?[\d.]+) m, (-?[\d.]+) m, (\d+)°")
 SPEED = re.compile(r"(-?[\d.]+) m/s, (-?[\d.]+) rad/s")
 Place = tuple[float, float]
@@ -133,6 +153,7 @@ class KeyboardOperator:
 
     Attributes:
         ages_s: of the pictures that it saw.
+        map_ages_s: of the robot's position on the map; up to 1 s, the page does not show it.
         touches: how often it saw that the bumper touched something.
         holds: how often it took hold again because the robot stood.
     """
@@ -142,6 +163,7 @@ class KeyboardOperator:
         self._held: tuple[str, ...] = ()
         self._moved_s = self._corrected_s = time.monotonic()
         self.ages_s: list[float] = []
+        self.map_ages_s: list[float] = []
         self.touches = 0
         self.holds = 0
 
@@ -150,9 +172,11 @@ class KeyboardOperator:
         until_s = time.monotonic() + LEG_LIMIT_S
         while time.monotonic() < until_s:
             self._page.wait_for_timeout(LOOK_MS)
-            sight = Sight.of(self._page.evaluate(LOOK))
+            shown = self._page.evaluate(LOOK)
+            sight = Sight.of(shown)
             if sight is not None:
                 self.ages_s.append(sight.age_s)
+                self.map_ages_s.append(shown["map_age_s"])
                 self.touches += sight.touches
                 return sight
         raise NotReached("the page does not show where the robot is")
@@ -165,7 +189,7 @@ class KeyboardOperator:
         for key in keys:
             if key not in self._held:
                 self._page.keyboard.down(key)
-        if keys != self._held:
+        if not self._held:
             self._moved_s = time.monotonic()
         self._held = keys
         if ms:
@@ -252,14 +276,26 @@ def judge(arrivals: Sequence[tuple[float, Place]], truth: NDArray[np.float64]) -
     }
 
 
-def measure(folder: Path, robot: Host, browser: Browser) -> dict[str, float]:
+def received_bytes(host: Host) -> int:
+    """Return how many bytes a host has received from the network so far, with all headers."""
+    shown = subprocess.run(host.command("cat", "/proc/net/dev"), capture_output=True, text=True, check=True)
+    found = RECEIVED.search(shown.stdout)
+    assert found
+    return int(found[1])
+
+
+def measure(folder: Path, network: Network, browser: Browser) -> dict[str, float]:
     """Start a robot and drive it."""
+    robot, laptop = network.host("robot"), network.host("laptop")
     scene = Scene(folder, MAZE, CHANGES, TOP_M_PER_S, on_host=robot.command(), parents=("robbie:rescue",))
     with stopping(scene.robot):
         scene.begin()
-        with scene.page(browser, robot.address, LAYOUT) as page:
-            begin_s = time.time()
+        with scene.page(browser, robot.address, LAYOUT, TRAFFIC) as page:
+            begin_s, before = time.time(), received_bytes(laptop)
+            page.evaluate(BEGIN)
             arrivals, operator = drive(page)
+            took_s, line_bytes = time.time() - begin_s, received_bytes(laptop) - before
+            bytes_of, trips_ms = page.evaluate("[window.bytes_of, window.trips_ms]")
         scene.robot.stop()
     counted = json.loads((scene.robot.output / "base.json").read_text())
     return {
@@ -270,6 +306,13 @@ def measure(folder: Path, robot: Host, browser: Browser) -> dict[str, float]:
         "took hold again": operator.holds,
         "picture age p50, s": float(np.nanmedian(operator.ages_s)),
         "picture age p95, s": float(np.nanpercentile(operator.ages_s, 95)),
+        "picture age max, s": float(np.nanmax(operator.ages_s)),
+        "map age p95, s": float(np.percentile(operator.map_ages_s, 95)),
+        "map age max, s": max(operator.map_ages_s),
+        "round trip p50, s": float(np.median(trips_ms)) / 1e3,
+        "round trip p95, s": float(np.percentile(trips_ms, 95)) / 1e3,
+        **{f"{name}, kB/s": bytes_of.get(kind, 0) / 1e3 / took_s for kind, name in KINDS.items()},
+        "all with headers, kB/s": line_bytes / 1e3 / took_s,
         "load": os.getloadavg()[0],
     }
 
@@ -289,7 +332,7 @@ def main(arguments: Sequence[str]) -> None:
     ):
         for mbit in chosen.mbit:
             network.set(conditions(mbit, chosen.round_trip_ms))
-            found[mbit] = measure(Path(folder) / f"{mbit}", network.host("robot"), browser)
+            found[mbit] = measure(Path(folder) / f"{mbit}", network, browser)
             rounded = {name: round(value, 2) for name, value in found[mbit].items()}
             print(f"{mbit} Mbit/s:", rounded, flush=True)
     if chosen.json:

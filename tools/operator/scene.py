@@ -150,10 +150,11 @@ class Scene:
         return at_ns
 
     @contextmanager
-    def page(self, browser: Browser, host: str, layout: str = LAYOUT) -> Iterator[Page]:
-        """Open the page and log in."""
+    def page(self, browser: Browser, host: str, layout: str = LAYOUT, script: str = "") -> Iterator[Page]:
+        """Open the page and log in. A script of yours runs before the page's own."""
         context = browser.new_context(viewport={"width": 1280, "height": 800})
         page = context.new_page()
+        page.add_init_script(script)
         page.set_default_timeout(LIMIT_S * 1e3)
         page.goto(self.address(host))
         page.fill("#token", TOKEN)

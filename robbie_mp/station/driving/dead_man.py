@@ -94,11 +94,15 @@ class DeadManSwitch:
         ages = self._page_clock.age_ns(round(sent_s * NS), round(now_s * NS))
         return math.inf if ages is None else ages[1] / NS
 
+    def trip_s(self, now_s: float) -> float | None:
+        """Return the round trip now; None while it is not known, as when no ping could be sent."""
+        recent = (trip_s for returned_s, trip_s in self._trips if now_s - returned_s <= WINDOW_S)
+        return min(recent, default=None)
+
     def delay_s(self, now_s: float) -> float:
-        """Return the round trip now; 0 while it is not known."""
-        recent = [trip_s for returned_s, trip_s in self._trips if now_s - returned_s <= WINDOW_S]
-        if recent:
-            return min(recent)
+        """Return the round trip now, or how long the first ping without an answer has waited."""
+        if (trip_s := self.trip_s(now_s)) is not None:
+            return trip_s
         return now_s - self._waiting[0][1] if self._waiting else 0.0
 
     def look(self, now_s: float) -> None:

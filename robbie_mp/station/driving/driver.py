@@ -12,7 +12,7 @@ from nicegui.element import Element
 from robbie_mp.connect.link.operators import MANUAL_TOPIC
 from robbie_mp.messages import DriveCommand
 from robbie_mp.station.context import header_of_now
-from robbie_mp.station.driving.dead_man import PING_PERIOD_S
+from robbie_mp.station.driving.dead_man import LIMIT_S, PING_PERIOD_S
 from robbie_mp.station.driving.held_control import VALID_FOR, HeldControl
 from robbie_mp.station.watch.births import time_before
 
@@ -28,6 +28,8 @@ AHEAD_S = 0.1
 """A picture may seem to come from the future by this: the clock of the robot is estimated."""
 FULL_SPEED_AGE_S, MIN_SHARE = 0.5, 0.1
 """Up to this age of the picture there is the whole top speed; of any older one, at least this share."""
+FULL_SPEED_DELAY_S = 0.12
+"""The same of the round trip; with one of `LIMIT_S`, the page does not drive."""
 STEP = 1.25
 """Factor by which one press on a key changes the maximum speeds."""
 
@@ -62,7 +64,7 @@ class Driver:
         linear_m_per_s: speed while a control is held to its end.
         angular_rad_per_s: turn rate while a control is held to its end.
         without_guard: whether this drive is not guarded against collisions; ends when the operator lets go.
-        slowed: the share of these speeds that the picture's age allows.
+        slowed: the share of these speeds that the picture's age and the network's delay allow.
     """
 
     def __init__(self, station: StationContext, page: Page, publish: Publish):
@@ -125,7 +127,8 @@ class Driver:
         if wish is None:
             return
         self.without_guard = self.without_guard and wish.held
-        self.slowed = share_of_speed(wish.picture_age_s)
+        trip_s = self._page.dead_man.trip_s(time.monotonic())
+        self.slowed = min(share_of_speed(wish.picture_age_s), share_by_delay(trip_s))
         header = header_of_now(self._clock, "base_link")  # first: the age counts from then
         age_s = self._control.age_s(held=wish.held, begins=wish.begins, sent_s=wish.sent_s)
         if age_s is None:
@@ -147,7 +150,10 @@ class Driver:
             number, page_s = int(event.args["number"]), float(event.args["page_s"])
         except (KeyError, TypeError, ValueError, OverflowError):
             return
-        self._page.dead_man.pong(number, page_s, time.monotonic())
+        now_s = time.monotonic()
+        self._page.dead_man.pong(number, page_s, now_s)
+        if (trip_s := self._page.dead_man.trip_s(now_s)) is not None:
+            self._page.network.ping_came(trip_s, now_s)
 
     def _look_at_network(self) -> None:
         """Ping the page, and give up control while its network is too slow."""
@@ -209,3 +215,12 @@ def share_of_speed(picture_age_s: float) -> float:
     So the way that the robot goes until the operator sees it does not grow with that age.
     """
     return max(MIN_SHARE, min(1.0, FULL_SPEED_AGE_S / max(picture_age_s, FULL_SPEED_AGE_S)))
+
+
+def share_by_delay(trip_s: float | None) -> float:
+    """Return the share of the top speed that the round trip to the page allows; None: it is not known.
+
+    It falls evenly to the least one where the page does not drive any more, so the operator sees that coming.
+    """
+    beyond = ((LIMIT_S if trip_s is None else trip_s) - FULL_SPEED_DELAY_S) / (LIMIT_S - FULL_SPEED_DELAY_S)
+    return 1.0 - (1.0 - MIN_SHARE) * max(0.0, min(1.0, beyond))

@@ -15,15 +15,12 @@ import math
 import struct
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from robbie_mp.station.live.network import NetworkCost, PageNetwork, UnderWay
 from robbie_mp.station.web.page_json import from_page
-
-if TYPE_CHECKING:
-    from robbie_mp.station.live.video import NetworkCost
 
 PACKET_BYTES = 1 << 16
 """Size at which a packet is full. A packet has at least one part of any size."""
@@ -38,9 +35,11 @@ COST_LIMIT_S = 0.05
 PROMPT_S = 0.03
 """A packet that takes no longer than this beyond the shortest time has not waited for the network."""
 USED_SHARE = 0.2
-"""Packets are late for this share of the time at most."""
+"""Packets use this share of the network's time at most, and are late for no more."""
 LONGEST_WAIT_S = 1.0
 """Longest time between two packets, whatever they cost."""
+NOTHING = (0, 0)
+"""The version, and the number of the packet, of a part that was never sent."""
 MAX_TEXT = 100
 DRAWING_LIMIT_S = 30.0
 """A page that has drawn nothing for this time is disconnected."""
@@ -95,19 +94,22 @@ class Follower:
     Args:
         live: the parts.
         groups: the groups to follow.
-        cost: learns what packets cost the network.
+        network: that of the page, which its pictures and packets share.
     """
 
-    def __init__(self, live: LiveParts, groups: frozenset[str], cost: NetworkCost):
+    def __init__(self, live: LiveParts, groups: frozenset[str], network: PageNetwork):
         self.groups = groups
         self._live = live
         self._prefixes = tuple(f"{group}/" for group in groups)
         self._has: dict[str, tuple[int, int]] = {}
         """For each part, the version and the number of the packet that were last sent."""
         self._sent = self._drawn = 0
-        self._cost = cost
-        self._flying: deque[int] = deque()
-        """Sizes of the packets that the page has not yet drawn, bytes."""
+        self._network, self._cost = network, NetworkCost()
+        network.costs.add(self._cost)
+        self._flying: deque[UnderWay] = deque()
+        """The packets that the page has not yet drawn."""
+        self._size = 0
+        """Of the last packet, bytes."""
         self._late_s = 0.0
         """How late the last packet was, because the network is slow."""
         self._free_s = -math.inf
@@ -126,18 +128,26 @@ class Follower:
     def hear(self, said: str) -> None:
         """Record that the page has drawn one more packet, and how long that was on its way."""
         if self._flying:
-            size = self._flying.popleft()
-            if (way_s := way_of(said)) is not None:
-                self._cost.add(size, way_s)
+            sent, way_s = self._flying.popleft(), way_of(said)
+            self._network.came(sent, way_s)
+            if way_s is not None:
+                self._cost.add(sent.size, way_s)
                 self._late_s = max(0.0, way_s - PROMPT_S)
-                self._free_s = self._loop.time() + min(LONGEST_WAIT_S, self._late_s / USED_SHARE)
+                self._wait_for(self._late_s)
         self._drawn = min(self._sent, self._drawn + 1)
         self._drawn_s = self._loop.time()
         self._changed.set()
 
+    def _wait_for(self, cost_s: float) -> None:
+        """Leave the network to others, after it was used for some time."""
+        wait_s = min(LONGEST_WAIT_S, cost_s / (USED_SHARE * self._network.share))
+        self._free_s = max(self._free_s, self._loop.time() + wait_s)
+
     def go(self) -> None:
         """Stop sending."""
         self._is_gone = True
+        while self._flying:
+            self._network.came(self._flying.popleft())
         self._live.leave(self)
         self._changed.set()
 
@@ -147,11 +157,17 @@ class Follower:
             self._changed.clear()
             behind, now_s = self._sent - self._drawn, self._loop.time()
             wait_s, ahead = self._free_s - now_s, 1 if self._late_s else PACKETS_AHEAD
-            if wait_s <= 0.0 and behind < ahead and (packet := self.packet()) is not None:
-                if not behind:
-                    self._drawn_s = now_s
-                self._flying.append(len(packet))
-                return packet
+            if wait_s <= 0.0 and behind < ahead and any(self._changed_parts(self._live.parts)):
+                sent = await self._network.turn(self._size)
+                if not self._is_gone and (packet := self.packet()) is not None:
+                    if not behind:
+                        self._drawn_s = self._loop.time()
+                    self._size = len(packet)
+                    self._flying.append(self._network.went(sent, self._size))
+                    self._wait_for(sent.cost_s)
+                    return packet
+                self._network.came(sent)
+                continue
             left_s = self._drawn_s + DRAWING_LIMIT_S - now_s if behind else math.inf
             if left_s <= 0.0:
                 break
@@ -160,15 +176,15 @@ class Follower:
                 await asyncio.wait_for(self._changed.wait(), limit_s if limit_s < math.inf else None)
         return None
 
+    def _changed_parts(self, parts: Mapping[str, Part]) -> Iterator[tuple[str, Part]]:
+        for name, part in parts.items():
+            if name.startswith(self._prefixes) and self._has.get(name, NOTHING)[0] != part.number:
+                yield name, part
+
     def packet(self) -> bytes | None:
         """Return a packet with changed parts, up to its maximum size; None if nothing has changed."""
         parts = self._live.parts
-        nothing = (0, 0)
-        changed = [
-            (name, part)
-            for name, part in parts.items()
-            if name.startswith(self._prefixes) and self._has.get(name, nothing)[0] != part.number
-        ]
+        changed = [*self._changed_parts(parts)]
         if not changed:
             return None
         # Small parts first, then those sent longest ago, so that each is sent in time. Of parts never sent,
@@ -176,7 +192,7 @@ class Follower:
         changed.sort(
             key=lambda one: (
                 len(one[1].data) > SMALL_BYTES,
-                self._has.get(one[0], nothing)[1],
+                self._has.get(one[0], NOTHING)[1],
                 -one[1].number,
             )
         )
@@ -185,7 +201,7 @@ class Follower:
         size = 0
         for name, part in changed:
             grown = size + len(part.data)
-            if chosen and (grown > PACKET_BYTES or (self._cost.of(grown) or 0.0) > COST_LIMIT_S):
+            if chosen and (grown > PACKET_BYTES or self._network.cost_s(grown) > COST_LIMIT_S):
                 break
             size += len(part.data)
             chosen.append((name, part))

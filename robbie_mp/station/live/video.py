@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from robbie_mp.station.live.h264 import VIDEO_GRADES, VideoFailed, VideoGrade, VideoStream, VideoStreams
+from robbie_mp.station.live.network import UNKNOWN_S_PER_BYTE, NetworkCost, PageNetwork, UnderWay
 from robbie_mp.station.live.parts import DRAWING_LIMIT_S, packed
 from robbie_mp.station.watch.pictures import Grade, GradedPicture, NewestPicture
 from robbie_mp.station.web.page_json import from_page
@@ -36,14 +37,12 @@ RISE_SHARE = 0.7
 """A better grade must cost only this share of it, so that grades do not alternate."""
 USED_SHARE = 0.75
 """Pictures use this share of the time at most, which leaves room for the rest of the page."""
-SLOW_SHARE = 0.4
-"""The same if even one costs more than `COST_LIMIT_S`: an answer that waits behind it is late for driving."""
-JAM_S = 0.4
-"""A picture that took this long discards all earlier estimates."""
+SLOW_SHARE, SLOW_BYTES = 0.4, 5000
+"""The same if a picture of this size costs more than `COST_LIMIT_S`: answers that wait behind it are late."""
+TOO_LARGE = 1.5
+"""A picture that costs this much more than the network may need is encoded again, more coarsely."""
 FULL_SHARE = 0.5
 """A picture of a stream with this share of the size that its grade allows is as good as full."""
-LEAST_BYTES = 1500
-"""A smaller picture counts as this many bytes: the browser delays it, not the network."""
 SHORTEST_WAY_S = 0.01
 """A shorter way says nothing about the network, which lets a few bytes pass at once."""
 LONGEST_WAIT_S = 1.0
@@ -52,8 +51,6 @@ MAX_AHEAD = 3
 """Maximum number of pictures in flight to a page, so that it does not wait for round trips."""
 MAX_WANTED = 12
 MAX_TEXT = 4096
-ESTIMATES = 8
-"""Number of pictures of which the cheapest gives the cost of a byte: the others waited for the browser."""
 
 
 GRADES: Sequence[Grade] = (
@@ -65,41 +62,11 @@ GRADES: Sequence[Grade] = (
     Grade(320, 60, 8.0),
     Grade(320, 40, 6.3),
     Grade(240, 45, 4.5),
+    Grade(240, 25, 3.2),
 )
 """From the best to the coarsest that one can drive by; on a slower network, pictures come less often."""
 FIRST = 5
 """The grade until the network is known."""
-
-
-@dataclass
-class NetworkCost:
-    """What pictures or packets cost the network, by what the page says.
-
-    Args:
-        shortest_way_s: a shorter way says no more than this.
-    """
-
-    shortest_way_s: float = 0.0
-    _s_per_byte: deque[float] = field(default_factory=lambda: deque(maxlen=ESTIMATES))
-
-    def add(self, size: int, way_s: float, *, is_full: bool = True) -> None:
-        """Add a picture.
-
-        Args:
-            size: in bytes.
-            way_s: time that it was on its way beyond the shortest time.
-            is_full: whether it is about as large as it might be. One that is not, as of a scene that stands
-                still, says nothing about larger ones, so it does not lower the cost.
-        """
-        if way_s > JAM_S:
-            self._s_per_byte.clear()
-        size = max(LEAST_BYTES, size)
-        known = None if is_full else self.of(1.0)
-        self._s_per_byte.append(max(way_s / size, self.shortest_way_s / size if known is None else known))
-
-    def of(self, size: float) -> float | None:
-        """Return what a picture of some size costs, s; None: nothing is known yet."""
-        return size * min(self._s_per_byte) if self._s_per_byte else None
 
 
 @dataclass
@@ -150,10 +117,16 @@ class VideoFollower:
     Args:
         cameras: all cameras by name, as they are now.
         streams: makes streams for pages that can decode them.
+        network: that of the page, which its pictures and packets share.
     """
 
-    def __init__(self, cameras: Callable[[], Mapping[str, NewestPicture]], streams: VideoStreams):
-        self._cameras, self._streams = cameras, streams
+    def __init__(
+        self,
+        cameras: Callable[[], Mapping[str, NewestPicture]],
+        streams: VideoStreams,
+        network: PageNetwork,
+    ):
+        self._cameras, self._streams, self._network = cameras, streams, network
         self._stream: VideoStream | None = None
         self._asked: object = None
         """The stream that the page wants: `[camera, number of its decoder]`, unless it is ill-formed."""
@@ -162,8 +135,9 @@ class VideoFollower:
         self._wanted: dict[str, WantedVideo] = {}
         self._ends: list[Callable[[], None]] = []
         self._cost = NetworkCost(SHORTEST_WAY_S)
-        self._flying: deque[tuple[int, bool]] = deque()
-        """Of the pictures that the page has not yet drawn: size (bytes), and whether they are full."""
+        network.costs.add(self._cost)
+        self._flying: deque[tuple[UnderWay, bool]] = deque()
+        """The pictures that the page has not yet drawn, and whether they are full."""
         self._free_s = -math.inf
         """From when on the network has room for the next picture."""
         self._drawn_s = time.monotonic()
@@ -183,9 +157,11 @@ class VideoFollower:
             if isinstance(reason := said.get("failed"), str):
                 self._streams.page_failed(reason)
         elif isinstance(said, dict) and self._flying:
-            (size, is_full), way_s = self._flying.popleft(), said.get("way_s")
-            if isinstance(way_s, (int, float)):
-                self._cost.add(size, way_s, is_full=is_full)
+            (sent, is_full), told = self._flying.popleft(), said.get("way_s")
+            way_s = float(told) if isinstance(told, (int, float)) else None
+            self._network.came(sent, way_s)
+            if way_s is not None:
+                self._cost.add(sent.size, way_s, is_full=is_full)
             self._drawn_s = time.monotonic()
         self._changed.set()
 
@@ -235,6 +211,8 @@ class VideoFollower:
     def go(self) -> None:
         """Stop sending."""
         self._is_gone = True
+        while self._flying:
+            self._network.came(self._flying.popleft()[0])
         self._wanted = {}
         self._listen()
         self._end_stream()
@@ -249,7 +227,9 @@ class VideoFollower:
                 break
             wait_s, chosen = self._next_due(now_s)
             if chosen is not None and wait_s <= 0.0:
-                return await self._packet(chosen)
+                if (packet := await self._packet(chosen)) is not None:
+                    return packet
+                continue
             try:
                 await asyncio.wait_for(self._changed.wait(), min(DRAWING_LIMIT_S, max(wait_s, 0.001)))
             except asyncio.TimeoutError:
@@ -272,39 +252,56 @@ class VideoFollower:
         wait_s, _, chosen = min(waits, key=lambda one: one[:2])
         return max(wait_s, self._free_s - now_s), chosen
 
-    async def _packet(self, wanted: WantedVideo) -> bytes:
-        source = self._cameras()[wanted.name]
+    async def _packet(self, wanted: WantedVideo) -> bytes | None:
+        """Return a packet with the newest picture, when it may be sent; None if the page wants it no more."""
+        sent = await self._network.turn(wanted.size(wanted.grade))
+        source = self._cameras().get(wanted.name)
+        if source is None or self._wanted.get(wanted.name) is not wanted:
+            self._network.came(sent)
+            return None
         stream, note = self._stream_of(wanted.name, source)
         is_large = next(iter(self._wanted.values())) is wanted
         wanted.use(GRADES if stream is None else VIDEO_GRADES)
-        wanted.grade = wanted.choose(self._cost, COST_LIMIT_S if is_large else SMALL_COST_S)
+        limit_s = COST_LIMIT_S if is_large else SMALL_COST_S
+        wanted.grade = wanted.choose(self._cost, limit_s)
         wanted.sent = source.count
-        picture = await self._encoded(source, stream, wanted.grade)
+        picture = await self._encoded(wanted, source, stream, limit_s)
+        if self._is_gone:
+            self._network.came(sent)
+            return None
         wanted.sent_s = now_s = time.monotonic()
         size = len(picture.data)
         is_full = stream is None or size >= FULL_SHARE * wanted.size(wanted.grade)
         if stream is None:
             wanted.sizes[wanted.grade] = size
         cost_s = self._cost.of(size) or 0.0
-        is_coarsest = wanted.grade == len(wanted.grades) - 1
-        share = SLOW_SHARE if is_coarsest and cost_s > COST_LIMIT_S else USED_SHARE
-        self._free_s = now_s + min(LONGEST_WAIT_S, cost_s / share)
+        is_slow = (self._cost.of(SLOW_BYTES) or 0.0) > COST_LIMIT_S
+        self._free_s = now_s + min(LONGEST_WAIT_S, cost_s / (SLOW_SHARE if is_slow else USED_SHARE))
         if not self._flying:
             self._drawn_s = now_s
-        self._flying.append((size, is_full))
+        self._flying.append((self._network.went(sent, size), is_full))
         note = note if stream is None else self._why
         about = {"camera": wanted.name, "sent_s": now_s, "note": note, **picture.about}
         return packed({"about": json.dumps(about).encode(), "picture": picture.data})
 
-    async def _encoded(self, source: NewestPicture, stream: VideoStream | None, grade: int) -> GradedPicture:
+    async def _encoded(
+        self, wanted: WantedVideo, source: NewestPicture, stream: VideoStream | None, limit_s: float
+    ) -> GradedPicture:
         if stream is not None:
             try:
-                encode = partial(stream.encode, grade=VIDEO_GRADES[grade])
+                encode = partial(stream.encode, grade=VIDEO_GRADES[wanted.grade])
                 return await asyncio.to_thread(source.encode, encode)
             except VideoFailed as error:
                 self._streams.failed(error)
                 if stream is self._stream:
                     self._end_stream()
                     self._why = f"JPEG: {error}"
-                grade = FIRST
-        return await asyncio.to_thread(source.encoded, GRADES[grade])
+                wanted.use(GRADES)
+        while True:
+            picture = await asyncio.to_thread(source.encoded, GRADES[wanted.grade])
+            size = len(picture.data)
+            cost_s = self._cost.of(size) or UNKNOWN_S_PER_BYTE * size
+            if cost_s <= TOO_LARGE * limit_s or wanted.grade == len(GRADES) - 1:
+                return picture
+            wanted.sizes = {wanted.grade: size}  # those of other grades are of another scene
+            wanted.grade = max(wanted.grade + 1, wanted.choose(self._cost, limit_s))

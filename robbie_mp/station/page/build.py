@@ -34,6 +34,11 @@ RECONNECT = "window.socket.io.reconnectionDelay(100); window.socket.io.reconnect
 """Try to reconnect every few tenths of a second (Socket.IO's default is up to 5 s)."""
 BEGIN = """<script>
 window.path_prefix = "{prefix}"; // as NiceGUI does later
+// Opens the connection of groups of live parts, or of the video (live/server.py).
+window.open_live = (groups) => {
+  const scheme = location.protocol === "https:" ? "wss:" : "ws:";
+  return new WebSocket(`${scheme}//${location.host}${window.path_prefix}/live/${groups}?page={key}`);
+};
 window.stop_prefix = "{stop_prefix}"; // of the robot's own page, also on a page that shows the past
 const browser_path = decodeURI(location.pathname), own_path = "{path}";
 if (browser_path !== window.path_prefix + own_path && browser_path.endsWith(own_path))
@@ -167,7 +172,7 @@ def _add_head(client: Client, parts: PageParts) -> None:
         prefix, path = client.request.scope.get("root_path", ""), client.request.scope["path"]
         own_path = path[len(prefix) :]
         stop_prefix = prefix if parts.stop_path is None else parts.stop_path.rstrip("/")
-        begin = BEGIN.replace("{prefix}", prefix).replace("{path}", own_path)
+        begin = BEGIN.replace("{prefix}", prefix).replace("{path}", own_path).replace("{key}", client.id)
         ui.add_head_html(early(prefix) + first_paint.head(prefix, parts.first_paint, is_all=parts.is_ours))
         ui.add_head_html(begin.replace("{stop_prefix}", stop_prefix))
     scripts = "".join(file.read_text() for file in SCRIPTS)

@@ -11,6 +11,7 @@ from nicegui import ui
 from robbie_mp.messages import IllFormed, PlaybackControl, check_well_formed
 from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
 from robbie_mp.station.driving.dead_man import ORDER_LIMIT_S, DeadManSwitch
+from robbie_mp.station.live.network import PageNetwork
 from robbie_mp.station.web.access import Role
 
 if TYPE_CHECKING:
@@ -107,6 +108,7 @@ class Page:
         self.plays_log = False
         """Whether it shows a log or a clip, and no live robot: what moves one is neither shown nor sent."""
         self.dead_man = DeadManSwitch()
+        self.network = PageNetwork()
         self.driver: Drives | None = None
         """Drives for an operator; None on an observer's page."""
         self.keys: dict[str, KeyAction] = {}
@@ -237,8 +239,21 @@ class Page:
         self._timers.append((panel, timer))
 
     def always(self, period_s: float, update: Callable[[], Awaitable[None] | None]) -> ui.timer:
-        """Call an update periodically whatever the page shows, except while the browser does not keep up."""
-        return ui.timer(period_s, lambda: update() if self.link.is_free else None)
+        """Call an update periodically whatever the page shows, except while the browser does not keep up.
+
+        While the network is late, it is called more rarely.
+        """
+        credit = 0.0
+
+        def tick() -> Awaitable[None] | None:
+            nonlocal credit
+            credit = min(2.0, credit + self.network.share)
+            if credit < 1.0 or not self.link.is_free:
+                return None
+            credit -= 1.0
+            return update()
+
+        return ui.timer(period_s, tick)
 
     def show(self, panels: frozenset[str]) -> None:
         """Show these panels, and update no others."""

@@ -36,6 +36,11 @@ BEHIND_RAD = 2.1
 LOOKS_BACK_S = 1.5
 MAX_SMALL = 3
 """Maximum number of small pictures beside the large one."""
+EARLY = """<script>
+window.early = { groups: "video", socket: window.open_live("video") };
+setTimeout(() => window.early?.socket.close(), 30_000); // another layout has no camera
+</script>"""
+"""Open the connection of the video while the page's scripts load."""
 STYLE = pathlib.Path(__file__).parent / "camera.css"
 
 
@@ -115,6 +120,8 @@ class CameraPanel(Panel):
             stage.draw(track_of(now, self._width_m), self._driven[1] if goal_now(self._goal.message) else [])
 
         update()  # so that the picture comes with the page, and not after it
+        if stage.chosen and not ui.context.client.has_socket_connection:
+            ui.add_head_html(EARLY)
         page.every(REFRESH_S, self.name, update)
 
 

@@ -29,7 +29,7 @@ export default {
       <div class="hud-item" v-if="now.heading != null">heading <b>{{ now.heading }}°</b></div>
       <div class="hud-item" v-if="now.pitch != null">pitch <b>{{ now.pitch }}°</b> roll <b>{{ now.roll }}°</b></div>
       <div class="hud-item" v-if="now.ahead != null">ahead <b :class="{ warn: now.ahead < 0.3 }">{{ now.ahead }} m</b></div>
-      <div class="hud-item warn" id="hud-slowed" v-if="now.slowed < 100">top speed <b>{{ now.slowed }} %</b>: old picture</div>
+      <div class="hud-item warn" id="hud-slowed" v-if="now.slowed < 100">top speed <b>{{ now.slowed }} %</b>: old picture or slow network</div>
       <div class="hud-item warn" v-if="now.silent">odometry silent for {{ now.silent }}</div>
     </div></div>`,
   props: { now: Object },

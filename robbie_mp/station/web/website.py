@@ -256,7 +256,7 @@ class Website:
         open_pages = self._context.operators.pages
         PageEvents(open_pages, self._access.refusals)
         cameras = self._context.robot.cameras.pictures
-        live = with_live(with_known_packets(pages), self._context.live, cameras, self._streams)
+        live = with_live(with_known_packets(pages), self._context.live, cameras, self._streams, open_pages)
         return with_page_limit(self._emergency_stop.service.beside(live), self._access, open_pages)
 
     @property

@@ -11,7 +11,7 @@ import pytest
 
 from robbie_mp.station.web.connections import MAX_VISITORS_OF_ONE, REQUEST_LIMIT_S
 from tests._support.robot import wait_until
-from tests.security.station._support.attacker import Attacker
+from tests.security.station._support.attacker import SOCKET_PATH, Attacker
 from tests.security.station.conftest import DESCRIPTORS, Station
 
 pytestmark = pytest.mark.timeout(300)
@@ -88,12 +88,24 @@ def test_headers_are_bounded(station: Station) -> None:
     assert answer in (b"", *[answer] * answer.startswith(b"HTTP/1.1 400"))
 
 
-def follow(visitor: Attacker) -> bytes:
-    """Return a request to follow the map, on a connection that then stays."""
+def follow(visitor: Attacker, path: str = "/live/map", more: str = "") -> bytes:
+    """Return a request to follow the map, or for something else on a connection that then stays."""
     return (
-        "GET /live/map HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+        f"GET {path} HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{more}"
         f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {'A' * 22}==\r\nCookie: {visitor.cookie}\r\n\r\n"
     ).encode()
+
+
+@pytest.mark.parametrize("wish", ["", "; server_max_window_bits=abc"])
+def test_nothing_that_a_visitor_sends_is_decompressed(station: Station, wish: str) -> None:
+    """A block of deflate that does not end may keep the station busy, and fill its memory."""
+    observer = station.observer()
+    asked = f"Sec-WebSocket-Extensions: permessage-deflate{wish}\r\n"
+    for path in ("/live/map", "/emergency-stop", f"{SOCKET_PATH}?EIO=4&transport=websocket"):
+        with observer.half_open(follow(observer, path, asked)) as connection:
+            answer = connection.recv(1 << 12).lower()
+        assert answer.startswith(b"http/1.1 101")
+        assert b"extensions" not in answer
 
 
 def test_many_connections_of_observers_do_not_lock_out_operators(station: Station) -> None:

@@ -31,11 +31,11 @@ export class Live {
     // While the page itself has lost its connection, there is no server to connect to. The page has just come from one.
     was_connected ||= Boolean(window.socket?.connected);
     if (was_connected && !window.socket?.connected) return this.try_again(WAIT_MS);
-    const scheme = location.protocol === "https:" ? "wss:" : "ws:";
-    const socket = (this.socket = new WebSocket(`${scheme}//${location.host}${window.path_prefix}/live/${this.groups}`));
+    const socket = (this.socket = opened_early(this.groups) ?? window.open_live(this.groups));
     socket.binaryType = "arraybuffer";
     let drawn = Promise.resolve();
-    socket.onopen = () => this.opened();
+    if (socket.readyState === WebSocket.OPEN) this.opened();
+    else socket.onopen = () => this.opened();
     socket.onmessage = (event) => {
       const came_s = performance.now() / 1000;
       const parts = unpacked(event.data);
@@ -67,6 +67,14 @@ export class Live {
     this.look = () => {};
     this.socket?.close();
   }
+}
+
+// Returns the connection that the page has opened before its scripts were there (panels/camera.py), if it is still good.
+function opened_early(groups) {
+  const { early } = window;
+  if (early?.groups !== groups) return null;
+  window.early = null;
+  return early.socket.readyState <= WebSocket.OPEN ? early.socket : null;
 }
 
 function unpacked(buffer) {
