@@ -21,6 +21,8 @@ DATAGRAM_BYTES = 900
 """Most bytes of a message in one datagram: with all headers, it fits into one frame of Ethernet or Wi-Fi."""
 MAX_PARTS = 1 << 16
 """Most packets of one message."""
+HEADER_BYTES = 100
+"""The size that a header counts in what is under way."""
 MAX_HEADER_BYTES = 16_384
 MAX_NAME_BYTES = 96
 MAX_HOPS = 8

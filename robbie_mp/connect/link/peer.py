@@ -6,10 +6,16 @@ from typing import Protocol
 
 from robbie_mp.connect.link.clock_offset import ClockOffset, Exchange
 from robbie_mp.connect.link.counts import DROPPED, RECEIVED, REFUSED, TAKEN, CountKey, CountRow, LinkCounts
-from robbie_mp.connect.link.header import MAX_COUNTS, Beat, ChannelId, DataHeader, ReceiverReport
+from robbie_mp.connect.link.header import (
+    HEADER_BYTES,
+    MAX_COUNTS,
+    Beat,
+    ChannelId,
+    DataHeader,
+    ReceiverReport,
+)
 from robbie_mp.connect.link.receiving import Arrived, Fate, ReceiveStream
 from robbie_mp.connect.link.sending import (
-    HEADER_BYTES,
     MAX_REPEATED_BYTES,
     Address,
     Item,
@@ -373,8 +379,9 @@ class Peer:
         self._counts.settle_past(self.name, report.about, counts)
 
     def tell(self) -> None:
-        """Tell the other link what has been received."""
+        """Tell the other link what has been received, with what had waited for room here."""
         for stream in self._incoming.values():
+            stream.go_on()
             if not stream.is_told:
                 self._tell(stream)
 

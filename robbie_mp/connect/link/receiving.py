@@ -1,5 +1,6 @@
 """The receiving end of a stream: takes each packet at most once, in order, and puts messages together."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
@@ -8,8 +9,19 @@ from typing import NamedTuple
 import zstandard
 
 from robbie_mp.connect.link.counts import HANDLING, NEXT, CountRow
-from robbie_mp.connect.link.header import COMPRESSED, LATCHED, MAX_COUNTS, MAX_PARTS, ChannelId, DataHeader
+from robbie_mp.connect.link.header import (
+    COMPRESSED,
+    HEADER_BYTES,
+    LATCHED,
+    MAX_COUNTS,
+    MAX_PARTS,
+    ChannelId,
+    DataHeader,
+)
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
+
+MAX_HELD_BYTES = 1 << 20
+"""Of packets that come while a message waits for room; more than any sender has under way."""
 
 
 class Fate(Enum):
@@ -74,6 +86,11 @@ class ReceiveStream:
         self._handle = handle
         self._max_bytes = max_bytes
         self._parts: _Parts | None = None
+        self._blocked: tuple[int, Arrived | None] | None = None
+        """A message that there was no room for, and the sequence of its last packet."""
+        self._held: deque[tuple[DataHeader, bytes]] = deque()
+        """Packets that have come since then."""
+        self._held_bytes = 0
         self._is_in_order = MANNERS[traffic].is_resent
         self.duplicates = 0
         self.damaged = 0
@@ -108,7 +125,15 @@ class ReceiveStream:
 
         Where the newest counts, take it if it is newer than all of its channel. Other channels may have
         overtaken it, if the network has changed the order, or if it is sent again.
+
+        While a message waits for room, nothing is taken or told, so the sender's window fills, and it stops.
         """
+        if self._blocked is not None:
+            size = HEADER_BYTES + len(payload)
+            if self._held_bytes + size <= MAX_HELD_BYTES:  # what is more will be missed, and sent again
+                self._held_bytes += size
+                self._held.append((header, payload))
+            return
         self.is_told = False
         self.untold_bytes += len(payload)
         self.newest = max(self.newest, header.sending)
@@ -136,6 +161,15 @@ class ReceiveStream:
             self.next = header.sequence + 1
             return
         self._finish(header.sequence)
+
+    def go_on(self) -> None:
+        """Publish the message that waits for room, if there is some now, and take what has come since."""
+        if self._blocked is None or not self._settle(*self._blocked):
+            return
+        self._blocked, self.is_told = None, False
+        held, self._held, self._held_bytes = self._held, deque(), 0
+        for header, payload in held:
+            self.take(header, payload)
 
     def _is_overtaken(self, header: DataHeader) -> bool:
         """Whether it belongs to a message, newer than all of its channel, that others have overtaken."""
@@ -191,16 +225,21 @@ class ReceiveStream:
         message = self._put_together(parts)
         if not self._is_in_order:
             self._note(parts.first.channel, sequence)
+        self._parts = None
+        if not self._settle(sequence, message):
+            self._blocked = sequence, message
+            self.next = sequence + 1
+
+    def _settle(self, sequence: int, message: Arrived | None) -> bool:
+        """Publish or drop a message; False if there is no room for it now."""
         if message is not None:
             self._row[HANDLING] = sequence
-            fate = self._handle(message)
-            if fate is Fate.NO_ROOM:
+            if self._handle(message) is Fate.NO_ROOM:
                 self._row[HANDLING] = 0
-                parts.size -= len(parts.payloads.pop())  # its last part will be sent again
-                return
-        self._parts = None
+                return False
         self._skip_to(max(self.next, sequence + 1))
         self._row[HANDLING] = 0
+        return True
 
     def _put_together(self, parts: _Parts) -> Arrived | None:
         first = parts.first

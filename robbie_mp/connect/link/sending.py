@@ -22,6 +22,7 @@ from robbie_mp.connect.link.counts import (
 from robbie_mp.connect.link.header import (
     COMPRESSED,
     DATAGRAM_BYTES,
+    HEADER_BYTES,
     LATCHED,
     MAX_COUNTS,
     MAX_PARTS,
@@ -59,10 +60,6 @@ MAX_REPEATED_BYTES = 8 * DATAGRAM_BYTES
 """Longer messages are neither sent in copies nor, as states, again: they would fill a slow network."""
 MAX_UNSETTLED_BYTES = 1 << 25
 """What may be unsettled at most, or as much as may wait."""
-
-
-HEADER_BYTES = 100
-"""The size that a header counts in what is under way."""
 
 
 @dataclass(slots=True)
@@ -497,8 +494,6 @@ class SendStream:
         elif self.manners.is_resent:
             is_urgent = self.traffic is TrafficClass.URGENT
             self._again_ns = min(2 * self._again_ns, MAX_URGENT_AGAIN_NS if is_urgent else MAX_AGAIN_NS)
-            if is_urgent:
-                self.rewind()
             # One at once, although all room is taken: its report says what else has not arrived. A stream
             # repeats by itself what the network loses, so all of it would come twice.
             self._send(self.pending.popleft() if self.pending else self.sent.pop(), now_ns)

@@ -243,6 +243,8 @@ def test_nothing_is_doubled_reordered_or_lost_uncounted_whichever_link_is_killed
     conditions = Conditions(10 * MS, 8 * MS, loss=choose.choice([0.0, 0.05]), bytes_per_s=1e6)
     network, red, blue = two_robots(seed, conditions, tmp_path)
     sent: dict[ChannelId, int] = dict.fromkeys(CHANNELS, 0)
+    full_until_ns = 0
+    blue.fate = lambda _: Fate.PUBLISHED if network.now_ns > full_until_ns else Fate.NO_ROOM
     for _ in range(600):
         for name, traffic in CHANNELS.items():
             if red.node is not None and choose.random() < 0.3:
@@ -254,6 +256,8 @@ def test_nothing_is_doubled_reordered_or_lost_uncounted_whichever_link_is_killed
                 continue
             victim.kill()
             network.at(network.now_ns + choose.randrange(1, 800) * MS, victim.start)
+        if choose.random() < 0.01:
+            full_until_ns = network.now_ns + choose.randrange(1, 1000) * MS
         if choose.random() < 0.003:
             network.conditions.is_cut = True
             network.at(network.now_ns + choose.randrange(1, 1500) * MS, lambda: restore(network))
@@ -342,6 +346,32 @@ def test_subscriber_that_has_no_room_for_a_while_gets_everything_afterwards() ->
     network.run(2.0)
     assert numbers(blue, RELIABLE) == list(range(160))
     assert red.account(RELIABLE).under_way == 0
+
+
+@pytest.mark.parametrize("traffic", [TrafficClass.URGENT, TrafficClass.RELIABLE, TrafficClass.BULK])
+def test_robot_without_room_is_sent_little_again_and_goes_on_as_soon_as_it_has_room(
+    traffic: TrafficClass,
+) -> None:
+    network, red, blue = two_robots(6, Conditions(delay_ns=10 * MS))
+    name = next(name for name, one in CHANNELS.items() if one is traffic)
+    has_room = False
+    blue.fate = lambda _: Fate.PUBLISHED if has_room else Fate.NO_ROOM
+    for number in range(60):
+        red.offer(name, traffic, numbered(number, 2000))
+        network.run(0.05)
+    found = [
+        one.sequence for _, to, one, _ in network.carried if to == "blue" and isinstance(one, DataHeader)
+    ]
+    ways = 2 if traffic is TrafficClass.URGENT else 1
+    assert len(found) - ways * len(set(found)) < 20 * ways
+    assert not blue.received(name)
+    has_room = True
+    network.run(0.006)  # a tick
+    assert blue.received(name)
+    network.run(1.0)  # meanwhile the window was small
+    assert numbers(blue, name)[-1] == 59
+    check_counts(red, blue, name, 60)
+    assert red.account(name).under_way == red.account(name).lost == red.account(name).dropped == 0
 
 
 def test_odometry_arrives_beside_large_states_over_a_long_and_fast_way() -> None:
