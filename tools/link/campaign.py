@@ -1,9 +1,11 @@
 """Kills the links of two robots at random, and judges what arrived.
 
     python -m tools.link.campaign --kills 200 --seed 1 [--robots] [--router] [--json]
+    python -m tools.link.campaign --kills 40 --over "2 % loss" --way tls
 
 Robot `red` sends messages of each class, robot `blue` receives them. At random moments a link is killed; with
-`--router`, also the router of Zenoh between them; with `--robots`, also whole robots.
+`--router`, also the router of Zenoh between them; with `--robots`, also whole robots. With `--over`, they are
+on two hosts, with a network of the trial between them; that needs root.
 """
 
 import argparse
@@ -14,17 +16,30 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from robbie_mp.messages import LinkChannel, LinkState
-from tools.link.pair import LinkedRobot, start_router
+from tools.link.pair import (
+    NO_UDP_WAY,
+    OURS,
+    ROUTER,
+    WAYS,
+    LinkedRobot,
+    settings_of,
+    start_router,
+    without_udp,
+)
+from tools.link.trial import TRIALS
 from tools.robot import free_port
+from tools.test_network.network import Network
 
 CLASSES = ("command", "state", "reliable", "bulk", "urgent")
 PERIOD_S, BULK_BYTES = 0.02, 20_000
+TITLES = [one.title for one in TRIALS if one.then is None and not one.cut_s]
 
 ROBOT_SHARE = 0.1
 """Share of the kills that kill a whole robot."""
@@ -92,30 +107,36 @@ class Campaign:
         folder: an empty folder.
         seed: of the moments and the victims.
         kills_robots: whether whole robots are killed, too.
-        has_router: whether the robots are linked through a router, which is killed, too.
+        way: how the links reach each other, one of `WAYS`; a router is killed, too.
+        network: has the hosts `red` and `blue`; None: all runs on this one.
     """
 
-    def __init__(self, folder: Path, seed: int, *, kills_robots: bool = False, has_router: bool = False):
-        self._address = f"tcp/127.0.0.1:{free_port()}"
+    def __init__(
+        self,
+        folder: Path,
+        seed: int,
+        *,
+        kills_robots: bool = False,
+        way: str = OURS,
+        network: Network | None = None,
+    ):
+        host, on_blue = "127.0.0.1", list[str]()
+        self._on_red = list[str]()
+        if network is not None:
+            red, blue = network.host("red"), network.host("blue")
+            host, self._on_red, on_blue = red.address, red.command(), blue.command()
+        port = free_port()
+        self._address = f"tcp/{host}:{port}"
         self._router: subprocess.Popen[bytes] | None = None
-        self._has_router, self._kills_robots = has_router, kills_robots
+        self._has_router, self._kills_robots = way == ROUTER, kills_robots
         self._random = random.Random(seed)
-        at = [self._address]
-        common: dict[str, Any] = {
-            "mode": "client" if has_router else "peer",
-            "state_hz": 1000.0,
-            "accept": {"*": ["*"]},
-        }
+        ways = settings_of(way, folder, ("red", "blue"), host, port)
+        common: dict[str, Any] = {"state_hz": 1000.0, "accept": {"*": ["*"]}}
         send = {one: [f"Probe {one}"] for one in CLASSES}
-        red: dict[str, Any] = {
-            "listen": [] if has_router else at,
-            "connect": at if has_router else [],
-            "robots": ["blue"],
-        }
-        red |= {"send": send, "command_expires_s": 2.0}
+        link = {**common, **ways[0], "robots": ["blue"], "send": send, "command_expires_s": 2.0}
         sends, more = dict.fromkeys(CLASSES, PERIOD_S), {"bulk_bytes": BULK_BYTES}
-        self.red = LinkedRobot(folder, "red", common | red, sends, (), more=more)
-        self.blue = LinkedRobot(folder, "blue", common | {"listen": [], "connect": at}, {}, CLASSES)
+        self.red = LinkedRobot(folder, "red", link, sends, (), more=more, on_host=self._on_red)
+        self.blue = LinkedRobot(folder, "blue", common | ways[1], {}, CLASSES, on_host=on_blue)
         self.report = CampaignReport()
         self._epochs: list[Epoch] = []
         """Those of the sender's lives that are over."""
@@ -151,7 +172,7 @@ class Campaign:
     def _start_router(self) -> None:
         if self._has_router:
             self._kill_router()
-            self._router = start_router(self._address)
+            self._router = start_router(self._address, self._on_red)
 
     def _kill_router(self) -> None:
         if self._router is not None:
@@ -339,6 +360,19 @@ def judge_closed(
     return violations
 
 
+@contextmanager
+def bad_network(title: str, way: str) -> Iterator[Network]:
+    """Make a network of the trial between `red` and `blue`."""
+    (trial,) = (one for one in TRIALS if one.title == title)
+    with Network("red", "blue") as network, ExitStack() as changes:
+        network.set(trial.conditions)
+        if way == NO_UDP_WAY:
+            changes.enter_context(without_udp(network.host("red"), network.host("blue")))
+        if trial.flapping_s is not None:
+            changes.enter_context(network.flapping(*trial.flapping_s))
+        yield network
+
+
 def main() -> int:
     """Play a campaign, print its report; return 1 if something was violated."""
     parser = argparse.ArgumentParser(
@@ -350,11 +384,18 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--robots", action="store_true", help="kill whole robots, too")
     parser.add_argument("--router", action="store_true", help="link through a router, and kill it, too")
+    parser.add_argument("--way", choices=WAYS, default=OURS, help="how the links reach each other")
+    parser.add_argument("--over", metavar="TITLE", choices=TITLES, help="a network of the trial between them")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="link-campaign-") as folder:
-        options = {"kills_robots": arguments.robots, "has_router": arguments.router}
-        report = Campaign(Path(folder), arguments.seed, **options).play(arguments.kills)
+    way = ROUTER if arguments.router else arguments.way
+    if way == NO_UDP_WAY and arguments.over is None:
+        parser.error("only a network of the trial can carry no UDP: use --over")
+    with ExitStack() as started:
+        folder = Path(started.enter_context(tempfile.TemporaryDirectory(prefix="link-campaign-")))
+        network = started.enter_context(bad_network(arguments.over, way)) if arguments.over else None
+        campaign = Campaign(folder, arguments.seed, kills_robots=arguments.robots, way=way, network=network)
+        report = campaign.play(arguments.kills)
     print(json.dumps(asdict(report), indent=2) if arguments.json else report)
     return 1 if report.violations else 0
 

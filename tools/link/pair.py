@@ -6,9 +6,11 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from robbie_mp.connect.link.keys import Keys
 from robbie_mp.messages import LinkState
 from tools.journal import read_journal
 from tools.link.modules import PAUSE_FILE, STATE_FILE
@@ -16,6 +18,10 @@ from tools.robot import COMMAND, LIMIT_S, OFTEN, POLL_S, REPOSITORY, Robot, Robo
 from tools.test_network.network import Host
 
 MODULES = "tools.link.modules:"
+OURS, ROUTER, NO_UDP_WAY = "robbie", "router", "no_udp"
+WAYS = (OURS, ROUTER, "tls", NO_UDP_WAY)
+"""How links reach each other: over TCP and UDP, through a router of Zenoh, encrypted, and without UDP."""
+NO_UDP = ("INPUT", "-p", "udp", "-j", "DROP")
 LINK = "robbie_mp.connect.link.module:Link"
 
 
@@ -196,6 +202,41 @@ class EngineSide(LinkSide):
         self._process.wait()
 
 
-def start_router(address: str) -> "subprocess.Popen[bytes]":
-    """Start a router of Zenoh that listens at an address."""
-    return subprocess.Popen([sys.executable, "-m", "tools.link.router", address], cwd=REPOSITORY)
+def start_router(address: str, on_host: Sequence[str] = ()) -> "subprocess.Popen[bytes]":
+    """Start a router of Zenoh that listens at an address; `on_host` as for `LinkedRobot`."""
+    command = [*on_host, sys.executable, "-m", "tools.link.router", address]
+    return subprocess.Popen(command, cwd=REPOSITORY)
+
+
+def settings_of(way: str, folder: Path, names: Sequence[str], host: str, port: int) -> list[dict[str, Any]]:
+    """Return the settings with which the links of two robots reach each other.
+
+    Args:
+        way: one of `WAYS`.
+        folder: for their keys.
+        names: of the robots; the first one listens, if no router does.
+        host: address of the one that listens.
+        port: on which it listens.
+    """
+    address = [f"{'tls' if way == 'tls' else 'tcp'}/{host}:{port}"]
+    if way == ROUTER:
+        return [{"mode": "client", "listen": [], "connect": address}] * 2
+    settings: list[dict[str, Any]] = [{"listen": address}, {"listen": [], "connect": address}]
+    if way == "tls":
+        keys = [Keys(folder / f"keys-{name}") for name in names]
+        for name, own in zip(names, keys, strict=True):
+            own.make(name)
+        keys[0].trust(keys[1].own().file)
+        keys[1].trust(keys[0].own().file)
+        settings = [one | {"keys": str(own.folder)} for one, own in zip(settings, keys, strict=True)]
+    return settings
+
+
+@contextmanager
+def without_udp(*hosts: Host) -> Iterator[None]:
+    """Have the hosts of a test network receive no UDP, as behind a firewall."""
+    with ExitStack() as blocked:
+        for host in hosts:
+            subprocess.run(host.command("iptables", "-A", *NO_UDP), check=True)
+            blocked.callback(subprocess.run, host.command("iptables", "-D", *NO_UDP), check=True)
+        yield

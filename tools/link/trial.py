@@ -2,10 +2,12 @@
 
     python -m tools.link.trial --seconds 20 --json FILE
     python -m tools.link.trial --seconds 6 --engines robbie,link_alone,plain_zenoh,tcp,quic,dds
+    python -m tools.link.trial --seconds 10 --engines robbie,router,tls,no_udp --only loss
 
 Two robots run on two hosts of a test network. All the time, bulk messages fill the link, and the laptop sends
 commands to the robot. With --engines, modules of `tools.link.engines` exchange the same messages, one after
-the other on each network. The exit code is 1 if the link has broken a promise.
+the other on each network; `router`, `tls` and `no_udp` are links through a router of Zenoh, with keys, and on
+a network that carries no UDP. The exit code is 1 if the link has broken a promise.
 """
 
 import argparse
@@ -25,11 +27,22 @@ import numpy as np
 
 from tools.bench.machine import describe_machine
 from tools.bench.table import render
-from tools.link.pair import EngineSide, LinkedRobot, LinkSide, Received
+from tools.link.pair import (
+    NO_UDP_WAY,
+    OURS,
+    ROUTER,
+    WAYS,
+    EngineSide,
+    LinkedRobot,
+    LinkSide,
+    Received,
+    settings_of,
+    start_router,
+    without_udp,
+)
 from tools.robot import RobotTrouble
 from tools.test_network.network import PERFECT, Network, NetworkConditions, NoTestNetwork
 
-OURS = "robbie"
 PORT = 7447
 PERIODS_S = {"urgent": 0.5, "state": 0.1, "reliable": 0.02, "bulk": 0.06}
 """With the size of the bulk messages, about 27 Mbit/s: more than any condition carries."""
@@ -92,7 +105,7 @@ class LinkFigures:
 
     Attributes:
         failures: promises that were not kept.
-        engine: `OURS`, or a module of `tools.link.engines`.
+        engine: one of `WAYS`, or a module of `tools.link.engines`.
         bulk_p50: time from one robot to the other.
     """
 
@@ -122,22 +135,27 @@ class Pair:
 
 
 @contextmanager
-def linked_pair(folder: Path, network: Network) -> Iterator[Pair]:
+def linked_pair(folder: Path, network: Network, way: str = OURS) -> Iterator[Pair]:
     """Start both in a folder, and wait until they are linked.
 
     Raises:
         RobotTrouble: they do not start, or do not find each other, or one has ended by itself.
     """
     here, there = network.host("robot"), network.host("laptop")
-    address = f"tcp/{here.address}:{PORT}"
+    ways = settings_of(way, folder, ("robot", "laptop"), here.address, PORT)
     sent = {topic: [f"Probe {topic}"] for topic in PERIODS_S}
-    link = {"listen": [address], "send": sent, "state_hz": 100.0, "accept": {"laptop": [f"Probe {COMMAND}"]}}
-    robot = LinkedRobot(folder, "robot", link, PERIODS_S, [COMMAND], on_host=here.command())
-    send = {"command": [f"Probe {COMMAND}"]}
-    link = {"listen": [], "connect": [address], "send": send, "accept": {"robot": ["*"]}}
-    sends = {COMMAND: COMMAND_PERIOD_S}
-    laptop = LinkedRobot(folder, "laptop", link, sends, list(PERIODS_S), on_host=there.command())
+    link = {"send": sent, "state_hz": 100.0, "accept": {"laptop": [f"Probe {COMMAND}"]}}
+    robot = LinkedRobot(folder, "robot", ways[0] | link, PERIODS_S, [COMMAND], on_host=here.command())
+    link = {"send": {"command": [f"Probe {COMMAND}"]}, "accept": {"robot": ["*"]}}
+    sends, hears = {COMMAND: COMMAND_PERIOD_S}, list(PERIODS_S)
+    laptop = LinkedRobot(folder, "laptop", ways[1] | link, sends, hears, on_host=there.command())
     with ExitStack() as started:
+        if way == ROUTER:
+            router = start_router(f"tcp/{here.address}:{PORT}", here.command())
+            started.callback(router.wait)
+            started.callback(router.kill)
+        if way == NO_UDP_WAY:
+            started.enter_context(without_udp(here, there))
         for one in (robot, laptop):
             one.start()
             started.callback(one.close)
@@ -145,7 +163,7 @@ def linked_pair(folder: Path, network: Network) -> Iterator[Pair]:
             one.run.wait_until_running()
         robot.wait_until_heard([COMMAND])
         laptop.wait_until_heard(["state"])
-        yield Pair(robot, laptop, network)
+        yield Pair(robot, laptop, network, way)
         for one in (laptop, robot):
             if not one.run.is_up:
                 raise RobotTrouble(f"a run has ended by itself: {one.run.said()[-2000:]}")
@@ -292,7 +310,7 @@ def _measure(folder: Path, network: Network, trial: LinkTrial, engine: str, dura
     10 s as if the round trip were the shortest that it has seen.
     """
     network.delay(trial.conditions)
-    started = linked_pair(folder, network) if engine == OURS else engine_pair(folder, network, engine)
+    started = (linked_pair if engine in WAYS else engine_pair)(folder, network, engine)
     try:
         with started as pair:
             return run_trial(pair, trial, duration_s)
@@ -312,7 +330,10 @@ def main() -> int:
         "--only", metavar="WORD", default="", help="only conditions whose title has this word"
     )
     parser.add_argument(
-        "--engines", metavar="NAMES", default=OURS, help=f"{OURS} and others, with commas between ({OURS})"
+        "--engines",
+        metavar="NAMES",
+        default=OURS,
+        help=f"{', '.join(WAYS)}, or others, with commas between ({OURS})",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures to this file")
     options = parser.parse_args()
@@ -331,7 +352,7 @@ def main() -> int:
     if options.json:
         report = {"machine": describe_machine(), "conditions": [asdict(one) for one in found]}
         options.json.write_text(json.dumps(report, indent=2))
-    return int(any(one.failures for one in found if one.engine == OURS))
+    return int(any(one.failures for one in found if one.engine in WAYS))
 
 
 if __name__ == "__main__":
