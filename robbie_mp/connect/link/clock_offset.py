@@ -66,8 +66,6 @@ class ClockOffset:
         max_drift: greatest difference between the rates of the two clocks, s/s.
 
     Attributes:
-        jumps: number of exchanges that contradicted those before.
-        impossible: number of exchanges that were not used, because their times contradicted each other.
         round_trip_ns: time on the network of the last exchange that was used; None before the first.
     """
 
@@ -77,8 +75,6 @@ class ClockOffset:
         self._max_drift = max_drift
         self._limits: tuple[int, int] | None = None
         self._at_ns = 0
-        self.jumps = 0
-        self.impossible = 0
         self.round_trip_ns: int | None = None
 
     def add(self, exchange: Exchange) -> ExchangeVerdict:
@@ -91,7 +87,6 @@ class ClockOffset:
         there_ns = exchange.other_answered_ns - exchange.other_received_ns
         widening_ns = self._widening_ns(duration_ns)
         if duration_ns < 0 or there_ns < 0 or there_ns > duration_ns + widening_ns:
-            self.impossible += 1
             return ExchangeVerdict.IMPOSSIBLE
         self.round_trip_ns = max(0, exchange.round_trip_ns)
         least = exchange.other_answered_ns - exchange.returned_ns - widening_ns
@@ -100,7 +95,6 @@ class ClockOffset:
         verdict = ExchangeVerdict.AGREES
         if before is not None:
             if least > before[1] or greatest < before[0]:
-                self.jumps += 1
                 verdict = ExchangeVerdict.JUMPED
             else:
                 least, greatest = max(least, before[0]), min(greatest, before[1])

@@ -15,12 +15,10 @@ from robbie_mp.messages.encoded import check_type
 
 MAGIC = b"RL"
 VERSION = 4
-PART_BYTES = 1 << 20
-"""Most bytes of a message in one packet. Zenoh cuts it into batches, between which more urgent ones go."""
+PART_BYTES = 60_000
+"""Most bytes of a message in one packet: it fits into one batch of Zenoh."""
 DATAGRAM_BYTES = 900
 """Most bytes of a message in one datagram: with all headers, it fits into one frame of Ethernet or Wi-Fi."""
-MAX_PARTS = 1 << 16
-"""Most packets of one message."""
 HEADER_BYTES = 100
 """The size that a header counts in what is under way."""
 MAX_HEADER_BYTES = 16_384
@@ -136,6 +134,19 @@ class Beat(NamedTuple):
     """Datagrams that this link has sent to the other one, copies too."""
     lost_permille: int = 0
     """The part of the datagrams lately sent by the other link that has not arrived."""
+
+
+class ReceivedPacket(NamedTuple):
+    """A packet from the network; nothing in it has been checked, except for its size."""
+
+    robot: str
+    """The sender, by the packet's key."""
+    header: bytes
+    payload: bytes
+    at_ns: int
+    """When it arrived, by the machine's monotonic clock."""
+    is_datagram: bool
+    """Whether it was sent as a datagram."""
 
 
 Packet = DataHeader | ReceiverReport | Beat

@@ -23,7 +23,7 @@ from robbie_mp.connect.link.access import AccessError, LinkAccess, read_rules
 from robbie_mp.connect.link.counts import ExchangeCounts, LinkCounts
 from robbie_mp.connect.link.described_types import TYPES_TOPIC, LinkedTypes
 from robbie_mp.connect.link.frames import prefixed
-from robbie_mp.connect.link.header import ROBOT_NAME, ChannelId
+from robbie_mp.connect.link.header import ROBOT_NAME, ChannelId, ReceivedPacket
 from robbie_mp.connect.link.keys import Keys, KeysError
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.operators import (
@@ -41,7 +41,7 @@ from robbie_mp.connect.link.safety import EXPIRING, Ages, expires, shortened
 from robbie_mp.connect.link.sending import SendLimits
 from robbie_mp.connect.link.tools import EXPIRES_S, LinkTools
 from robbie_mp.connect.link.traffic import TrafficClass
-from robbie_mp.connect.link.wire import Endpoints, InboxLimits, ReceivedPacket, Wire, only_own_names
+from robbie_mp.connect.link.wire import Endpoints, InboxLimits, Wire, only_own_names
 from robbie_mp.logs.capture.selection import TypeAndTopic
 from robbie_mp.messages import (
     CompressedImage,
@@ -75,8 +75,6 @@ from robbie_mp.run.run_directory import list_runs
 CLASS_PATH = "robbie_mp.connect.link.module:Link"
 STATE_NS = 1_000_000_000
 MAX_PATTERNS = 32
-LARGE_BYTES = 65_536
-"""Messages of this size are sent from where they lie; to copy them could take longer than to send them."""
 KEPT_BYTES = 16 << 20
 """Memory of packets that is used again; the kernel takes longer to give it out than the link to fill it."""
 MAX_REMEMBERED = 4096
@@ -355,11 +353,11 @@ class Link(Module):
     def _send(self, message: EncodedMessage, envelope: Envelope) -> None:
         key = (message.type_name, message.version, envelope.topic)
         outgoing = self._outgoing.get(key) or self._classify(ChannelId(*key))
-        data = message.data if len(message.data) >= LARGE_BYTES else bytes(message.data)
         name, traffic, is_latched, type_hash, may_be_jpeg = outgoing
         if self.plays and self._is_of_the_past(name, traffic, envelope.sender):
             self.withheld += 1
             return
+        data = bytes(message.data)
         offered = Offered(name, traffic, data, envelope.published_ns, is_latched, type_hash)
         if may_be_jpeg:
             offered = self._as_jpeg(offered)
@@ -459,14 +457,12 @@ class Link(Module):
 
     def _take_one(self, one: ReceivedPacket) -> None:
         """Take a packet in a thread of Zenoh, which has the turn."""
-        if self.node.take_and_tell(
-            one.robot, one.header, one.payload, one.at_ns, is_datagram=one.is_datagram
-        ):
+        if self.node.take_and_tell(one):
             self.tick_soon()  # this thread must not send what may be large
 
     def _take_all(self) -> None:
         for one in self.wire.received():
-            self.node.take(one.robot, one.header, one.payload, one.at_ns, is_datagram=one.is_datagram)
+            self.node.take(one)
         self.node.tell_all(self.clock.monotonic_ns())
 
     def on_arrived(self, message: Arrived) -> Fate:

@@ -12,6 +12,7 @@ from robbie_mp.connect.link.header import (
     ChannelId,
     DataHeader,
     Packet,
+    ReceivedPacket,
     ReceiverReport,
     unpack,
 )
@@ -29,8 +30,7 @@ class Offered(NamedTuple):
 
     name: ChannelId
     traffic: TrafficClass
-    data: bytes | memoryview
-    """A view must stay as it is. The link keeps it until it has sent it, or for up to two beats."""
+    data: bytes
     stamp_ns: int
     is_latched: bool = False
     type_hash: int = 0
@@ -69,7 +69,6 @@ class LinkNode:
     Attributes:
         malformed: packets that no link has packed, or that come from another robot than they say.
         strangers: packets of robots with which this link does not exchange messages.
-        unlatched: latched messages that were not kept, because there was no room.
     """
 
     def __init__(
@@ -87,7 +86,6 @@ class LinkNode:
         self.peers: dict[str, Peer] = {}
         self.malformed = 0
         self.strangers = 0
-        self.unlatched = 0
         self._settings = settings
         self._network = network
         self._handle = handle
@@ -118,8 +116,6 @@ class LinkNode:
 
     def offer(self, message: Offered, now_ns: int) -> None:
         """Send a message to every robot that has been met."""
-        if type(message.data) is memoryview and (message.is_latched or len(self.peers) > 1):
-            message = message._replace(data=bytes(message.data))
         if message.is_latched:
             self._keep(message)
         for peer in self.peers.values():
@@ -134,43 +130,22 @@ class LinkNode:
     def holds(self, robot: str, name: ChannelId, traffic: TrafficClass) -> bool:
         """Whether a message of a channel still waits to be sent to a robot."""
         number = self._numbers.get((name, traffic))
-        return number is not None and self.peers[robot].holds_number(traffic, number)
+        return number is not None and self.peers[robot].streams[traffic].holds(number)
 
-    def take(
-        self, robot: str, header: bytes, payload: bytes, now_ns: int, *, is_datagram: bool = False
-    ) -> None:
-        """Take a packet, whatever it holds.
-
-        Call `tell_all` afterwards.
-
-        Args:
-            robot: the robot to whose key it was sent.
-            header: its header.
-            payload: the rest of it.
-            now_ns: when it arrived.
-            is_datagram: whether it was sent as a datagram.
-        """
-        self._take(robot, header, payload, now_ns, is_datagram)
-
-    def take_and_tell(
-        self, robot: str, header: bytes, payload: bytes, now_ns: int, *, is_datagram: bool = False
-    ) -> bool:
-        """Take a packet, and tell its sender soon. Return whether something may be sent now because of it.
-
-        Args: as for `take`.
-        """
-        packet = self._take(robot, header, payload, now_ns, is_datagram)
+    def take_and_tell(self, received: ReceivedPacket) -> bool:
+        """Take a packet, and tell its sender soon. Return whether something may be sent now because of it."""
+        packet = self.take(received)
         if packet is None:
             return False
-        peer = self.peers[robot]
+        peer = self.peers[packet.robot]
         if isinstance(packet, DataHeader):
-            peer.tell_soon(packet.traffic, now_ns)
+            peer.tell_soon(packet.traffic, received.at_ns)
             return False
         return peer.has_more
 
-    def _take(
-        self, robot: str, header: bytes, payload: bytes, now_ns: int, is_datagram: bool
-    ) -> Packet | None:
+    def take(self, received: ReceivedPacket) -> Packet | None:
+        """Take a packet, whatever it holds, and return what it is. Call `tell_all` afterwards."""
+        robot, header, payload, now_ns, is_datagram = received
         packet = unpack(header)
         if packet is None or packet.robot != robot:
             self.malformed += 1
@@ -187,7 +162,8 @@ class LinkNode:
             peer.take_report(packet, now_ns)
         elif isinstance(packet, Beat) and peer.take_beat(packet, now_ns):
             for message in self._latched.values():
-                self._offer_latched(peer, message, now_ns)
+                if not self.holds(peer.name, message.name, message.traffic):
+                    self._offer_to(peer, message, now_ns)
         return packet
 
     def tell_all(self, now_ns: int) -> None:
@@ -208,12 +184,6 @@ class LinkNode:
         item = Item(channel, message.data, message.stamp_ns, message.is_latched, message.convert)
         peer.offer(traffic, item, now_ns)
 
-    def _offer_latched(self, peer: Peer, message: Offered, now_ns: int) -> None:
-        number = self._numbers.setdefault((message.name, message.traffic), len(self._numbers))
-        channel = peer.channel(number, message.name, message.traffic, message.type_hash)
-        if not peer.holds(message.traffic, channel):
-            self._offer_to(peer, message, now_ns)
-
     def _keep(self, message: Offered) -> None:
         """Keep the newest message of a latched channel; the oldest ones go if there is no room."""
         self._latched.pop(message.name, None)
@@ -222,4 +192,3 @@ class LinkNode:
         while size > self._settings.latched_bytes and self._latched:
             _, oldest = self._latched.popitem(last=False)
             size -= len(oldest.data)
-            self.unlatched += 1

@@ -41,7 +41,6 @@ COPIED_LOSS = 0.01
 """If a larger share of datagrams is lost, commands and states are sent in several copies."""
 LEAST_COUNTED = 30
 """Datagrams by which the loss is measured."""
-MAX_ROWS_REMEMBERED = 1024
 MAX_REPORT_COUNTS = 40
 """Channels of a report that fits into a datagram."""
 TELL_NS = 2_000_000
@@ -134,8 +133,6 @@ class Peer:
         self._in_turn = tuple(self.streams.values())
         self._channels: dict[int, SendChannel] = {}
         self._incoming: dict[int, ReceiveStream] = {}
-        self._rows: dict[tuple[int, int], tuple[ChannelId, CountRow]] = {}
-        """Of channels that come from the present session, by class and number."""
         self._past: deque[int] = deque(maxlen=MAX_PAST_SESSIONS)
         """Sessions of the other link that are over."""
         self._tells_past_until_ns = 0
@@ -184,15 +181,6 @@ class Peer:
             item.channel.row.add(DROPPED)
             return
         self.streams[traffic].offer(item)
-
-    def holds(self, traffic: TrafficClass, channel: SendChannel) -> bool:
-        """Whether a message of a channel waits."""
-        return self.streams[traffic].holds(channel)
-
-    def holds_number(self, traffic: TrafficClass, number: int) -> bool:
-        """Whether a message of the channel with a number waits."""
-        channel = self._channels.get(number)
-        return channel is not None and self.holds(traffic, channel)
 
     def pump(self, now_ns: int) -> None:
         """Send what may be sent now."""
@@ -273,8 +261,6 @@ class Peer:
                 self._own, self._own_session, knows, now_ns, *self._last_beat, self._datagrams_sent + 1, lost
             )
         )
-        for outgoing in self.streams.values():
-            outgoing.give_back()
         for stream in self._incoming.values():
             stream.is_told = False
         self.tell()
@@ -341,7 +327,6 @@ class Peer:
             self._past.append(self.session)
         self._tells_past_until_ns = now_ns + PAST_NS
         self._address.to = session
-        self._rows.clear()
         self.sessions += 1
         self._is_greeted = False
         self.last_beat_ns = 0
@@ -449,27 +434,13 @@ class Peer:
 
     def _row(self, message: Arrived) -> CountRow | None:
         """Return the row of a message's channel; None if its session has more than can be counted."""
-        number = (message.traffic, message.number)
-        name, row = self._rows.get(number, (None, None))
-        if row is None or name != message.name:
-            key = CountKey("in", self.name, message.session, message.traffic, message.number, *message.name)
-            if not self._counts.has_room_for(key):
-                return None
-            row = self._counts.row(key)
-            if len(self._rows) >= MAX_ROWS_REMEMBERED:
-                self._rows.clear()
-            self._rows[number] = message.name, row
-        return row
+        key = CountKey("in", self.name, message.session, message.traffic, message.number, *message.name)
+        return self._counts.row(key) if self._counts.has_room_for(key) else None
 
     @property
     def duplicates(self) -> int:
         """Packets of the present session that had been taken already, or came after newer ones."""
         return sum(stream.duplicates for stream in self._incoming.values())
-
-    @property
-    def damaged(self) -> int:
-        """Messages of the present session that could not be put together."""
-        return sum(stream.damaged for stream in self._incoming.values())
 
     @property
     def loss(self) -> float:

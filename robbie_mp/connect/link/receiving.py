@@ -14,7 +14,6 @@ from robbie_mp.connect.link.header import (
     HEADER_BYTES,
     LATCHED,
     MAX_COUNTS,
-    MAX_PARTS,
     ChannelId,
     DataHeader,
 )
@@ -56,8 +55,7 @@ class _Parts:
     """The parts of a message that have arrived."""
 
     first: DataHeader
-    payloads: list[bytes] = field(default_factory=list)
-    size: int = 0
+    data: bytearray = field(default_factory=bytearray)
 
 
 class ReceiveStream:
@@ -71,7 +69,6 @@ class ReceiveStream:
 
     Attributes:
         duplicates: packets that had been taken already, or that came after newer ones of their channel.
-        damaged: messages that could not be put together.
         is_told: whether the sender knows of everything that has been taken.
         told_ns: when it was last told.
         untold_bytes: what has arrived since.
@@ -93,7 +90,6 @@ class ReceiveStream:
         self._held_bytes = 0
         self._is_in_order = MANNERS[traffic].is_resent
         self.duplicates = 0
-        self.damaged = 0
         self.is_told = False
         self.told_ns = 0
         self.untold_bytes = 0
@@ -206,17 +202,14 @@ class ReceiveStream:
         if parts is None:
             return False  # its first part was lost
         if (
-            header.start != parts.size
+            header.start != len(parts.data)
             or header.whole != parts.first.whole
-            or not parts.size + bool(header.whole) <= parts.size + len(payload) <= header.whole
+            or not bool(header.whole) <= len(payload) <= header.whole - header.start
             or header.whole > self._max_bytes
-            or len(parts.payloads) >= MAX_PARTS
         ):
-            self.damaged += 1
             self._parts = None
             return False
-        parts.payloads.append(payload)
-        parts.size += len(payload)
+        parts.data += payload
         return True
 
     def _finish(self, sequence: int) -> None:
@@ -243,11 +236,8 @@ class ReceiveStream:
 
     def _put_together(self, parts: _Parts) -> Arrived | None:
         first = parts.first
-        data = parts.payloads[0] if len(parts.payloads) == 1 else b"".join(parts.payloads)
-        if first.flags & COMPRESSED:
-            data = self._decompress(data, first.size)
+        data = self._decompress(parts.data, first.size) if first.flags & COMPRESSED else bytes(parts.data)
         if first.name is None or len(data) != first.size:
-            self.damaged += 1
             return None
         return Arrived(
             first.robot,
@@ -262,7 +252,7 @@ class ReceiveStream:
             first.sources,
         )
 
-    def _decompress(self, data: bytes, size: int) -> bytes:
+    def _decompress(self, data: bytearray, size: int) -> bytes:
         """Return the data, or nothing if it is damaged or larger than it says."""
         if size > self._max_bytes:
             return b""

@@ -6,6 +6,7 @@ shares the network between streams; this bounds how long packets wait in Zenoh a
 and how long other classes wait behind them where all share one stream.
 """
 
+from robbie_mp.connect.link.header import PART_BYTES
 from robbie_mp.connect.link.under_way import Arrival
 
 WAIT_NS = 25_000_000
@@ -31,10 +32,7 @@ MAX_PAUSE_NS = 50_000_000
 """Longest time between two packets because of the pace."""
 START_BYTES = 32_000
 MIN_BYTES = 6_000
-MIN_PART_BYTES = 1_000
-MAX_PART_BYTES = 60_000
-"""Most bytes of a packet: it fits into one batch of Zenoh."""
-MAX_BYTES = 15 * MAX_PART_BYTES
+MAX_BYTES = 15 * PART_BYTES
 """Zenoh queues 16 batches, and drops what is more."""
 PERIOD_NS = 500_000_000
 """The rate is the greatest of this period and the one before it, or of 10 round trips if they take longer."""
@@ -80,7 +78,7 @@ class SendWindow:
 
     def part_bytes(self, under_way: int) -> int:
         """Return how many bytes the next packet may have, if others are under way."""
-        return max(MIN_PART_BYTES, min(self.limit // 8, MAX_PART_BYTES)) if under_way else PROBE_BYTES
+        return min(self.limit // 8, PART_BYTES) if under_way else PROBE_BYTES
 
     def has_room(self, under_way: int, now_ns: int) -> bool:
         """Whether one more packet may be sent."""
@@ -94,7 +92,7 @@ class SendWindow:
     def sent(self, size: int, now_ns: int) -> None:
         """Take note of a packet that is sent, so that the next ones follow at an even pace."""
         if self._pace:
-            pause_ns = min(size / self._pace, MAX_PAUSE_NS)  # the pace may be almost none after losses
+            pause_ns = min(size / self._pace, MAX_PAUSE_NS)  # the pace may be almost none
             self._next_ns = max(self._next_ns, now_ns - WAIT_NS) + round(pause_ns)
             self._next_ns = min(self._next_ns, now_ns + MAX_PAUSE_NS)
 
@@ -131,11 +129,6 @@ class SendWindow:
         self._greatest[1] = max(self._greatest[1], rate)
         if max(self._greatest) >= GROWTH * self._grown[0]:
             self._grown = max(self._greatest), now_ns + GROWTH_TRIPS * self._shortest_ns
-        self._set_limit(now_ns)
-
-    def lost(self, now_ns: int) -> None:
-        """Take note that packets were lost: a queue on the way overflows."""
-        self._greatest = [0.0, max(self._greatest) / 2]
         self._set_limit(now_ns)
 
     def _set_limit(self, now_ns: int) -> None:

@@ -25,7 +25,6 @@ from robbie_mp.connect.link.header import (
     HEADER_BYTES,
     LATCHED,
     MAX_COUNTS,
-    MAX_PARTS,
     ChannelId,
     DataHeader,
     ReceiverReport,
@@ -37,11 +36,6 @@ from robbie_mp.connect.link.under_way import UnderWay
 MIN_COMPRESSED_BYTES = 512
 """Smaller messages are sent as they are."""
 COMPRESSION_LEVEL = 1
-SAMPLES = 8
-SAMPLE_BYTES = 2048
-"""The samples of a message more than four times as large tell whether it is worth compressing,"""
-LEAST_SHRUNK = 0.97
-"""which is so if they become at least this much shorter."""
 URGENT_AGAIN_NS = 50_000_000
 MIN_AGAIN_NS = 500_000_000
 """Least time after which a packet without an acknowledgement is sent again."""
@@ -83,8 +77,7 @@ class Item:
     """A message that is to be sent."""
 
     channel: SendChannel
-    data: bytes | memoryview
-    """A view keeps the publisher's memory until all of it has been cut into packets, or `give_back`."""
+    data: bytes
     stamp_ns: int
     is_latched: bool = False
     convert: Callable[[bytes], bytes] | None = None
@@ -142,7 +135,7 @@ class Begun:
     """A message that is being cut into packets."""
 
     item: Item
-    data: bytes | memoryview
+    data: bytes
     flags: int
     start: int = 0
     """How much of it has been cut off."""
@@ -211,10 +204,6 @@ class SendStream:
     """What the newest report says: the newest sending, the next packet, and the next to be handled."""
     _newest: dict[int, Newest] = field(default_factory=dict)
     """States by number of their channel."""
-    _borrowed: list[Item] = field(default_factory=list)
-    """Messages offered since the last `give_back` that lay in their publishers' memory then,"""
-    _borrowed_before: list[Item] = field(default_factory=list)
-    """and those offered before it."""
 
     def __post_init__(self) -> None:
         self.manners = MANNERS[self.traffic]
@@ -230,14 +219,11 @@ class SendStream:
         """Take a message; what there is no room for is counted."""
         item.channel.row.add(TAKEN)
         self.numbers.add(item.channel.number)
-        if type(item.data) is memoryview:
-            self._borrowed.append(item)
         if self.manners.keeps_only_newest:
             key = item.channel.number
             replaced = self.waiting.get(key)  # the new one takes its place, or it might never be its turn
             if replaced is not None:
                 self.waiting_bytes -= len(replaced.data)
-                replaced.data = b""
                 replaced.channel.row.add(REPLACED)
         else:
             self._running += 1
@@ -253,23 +239,13 @@ class SendStream:
         """Drop the message of the channel that has waited longest, and count it."""
         _, oldest = self.waiting.popitem(last=False)
         self.waiting_bytes -= len(oldest.data)
-        oldest.data = b""
         oldest.channel.row.add(DROPPED)
 
-    def give_back(self) -> None:
-        """Copy what has been waiting in its publisher's memory since the last call: that may need it."""
-        for item in self._borrowed_before:
-            if type(item.data) is memoryview:
-                view, item.data = item.data, bytes(item.data)
-                if self.begun is not None and self.begun.data is view:
-                    self.begun.data = item.data
-        self._borrowed_before, self._borrowed = self._borrowed, []
-
-    def holds(self, channel: SendChannel) -> bool:
-        """Whether a message of a channel waits or is being sent."""
+    def holds(self, channel: int) -> bool:
+        """Whether a message of the channel with this number waits or is being sent."""
         items = [*self.waiting.values(), *(packet.item for packet in self.pending if packet.item)]
         items += [self.begun.item] if self.begun else []
-        return any(item.channel is channel for item in items)
+        return any(item.channel.number == channel for item in items)
 
     @property
     def has_pending(self) -> bool:
@@ -313,10 +289,10 @@ class SendStream:
         if self.traffic is TrafficClass.STATE:
             item.channel.not_before_ns = now_ns + self.limits.state_period_ns
         if item.convert is not None:
-            item.data, item.convert = item.convert(bytes(item.data)), None
+            item.data, item.convert = item.convert(item.data), None
         data, flags = item.data, LATCHED if item.is_latched else 0
         item.size = len(data)
-        if self.traffic is TrafficClass.BULK and len(data) >= MIN_COMPRESSED_BYTES and seems_to_shrink(data):
+        if self.traffic is TrafficClass.BULK and len(data) >= MIN_COMPRESSED_BYTES:
             compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(data)
             if len(compressed) < len(data):
                 data, flags = compressed, flags | COMPRESSED
@@ -328,22 +304,13 @@ class SendStream:
         begun = self.begun
         assert begun is not None
         data, start = begun.data, begun.start
-        payload = data
-        if start or len(data) > DATAGRAM_BYTES:  # a shorter one always is one packet
-            step = DATAGRAM_BYTES
-            if self.window is not None and not self.manners.goes_as_datagrams:
-                step = self.window.part_bytes(self.under_way.bytes)
-            # More than this in one message has too many parts; the last ones then are larger.
-            step = max(step, -(-len(data) // MAX_PARTS))
-            if start or len(data) > step:
-                payload = memoryview(data)[start : start + step]
-        if type(data) is memoryview:
-            payload = bytes(payload)  # it may have to be sent again, when the publisher needs its memory
+        step = DATAGRAM_BYTES
+        if self.window is not None and not self.manners.goes_as_datagrams:
+            step = max(step, self.window.part_bytes(self.under_way.bytes))
+        payload = memoryview(data)[start : start + step]
         begun.start += len(payload)
         if begun.start >= len(data):
             self.begun = None
-            if type(begun.item.data) is memoryview:
-                begun.item.data = b""
         self.sequence += 1
         packet = Packet(self.sequence, begun.item, start, len(data), payload, begun.flags)
         self.unsettled_bytes += packet.size
@@ -399,27 +366,14 @@ class SendStream:
 
     def _header(self, packet: Packet, oldest: int, number: int) -> DataHeader:
         item, own = packet.item, self.address
-        if item is None:
-            return DataHeader(
-                own.robot,
-                self.traffic,
-                0,
-                0,
-                own.session,
-                own.to,
-                packet.sequence,
-                oldest,
-                number,
-                0,
-                0,
-                0,
-                0,
-            )
-        channel = item.channel
-        about = () if packet.start else (channel.name, item.size, (own.robot,))
+        channel, stamp_ns, type_hash = 0, 0, 0
+        about: tuple[()] | tuple[ChannelId, int, tuple[str]] = ()
+        if item is not None:
+            channel, stamp_ns, type_hash = item.channel.number, item.stamp_ns, item.channel.type_hash
+            about = () if packet.start else (item.channel.name, item.size, (own.robot,))
         return DataHeader(
-            own.robot, self.traffic, packet.flags, channel.number, own.session, own.to, packet.sequence,
-            oldest, number, packet.start, packet.whole, item.stamp_ns, channel.type_hash, *about,
+            own.robot, self.traffic, packet.flags, channel, own.session, own.to, packet.sequence,
+            oldest, number, packet.start, packet.whole, stamp_ns, type_hash, *about,
         )  # fmt: skip
 
     # -- what has become of it -------------------------------------------------------------------------
@@ -452,8 +406,6 @@ class SendStream:
         # What was already under way when everything was to be sent again is missed once more.
         if report.misses and report.newest > self._rewound_at:
             self.rewind()
-            if self.window is not None:
-                self.window.lost(now_ns)
         return True
 
     def _forget_arrived(self, following: int) -> None:
@@ -544,20 +496,6 @@ class SendStream:
     @property
     def _round_trip_ns(self) -> int:
         return self.clock.round_trip_ns or 0
-
-
-def seems_to_shrink(data: bytes | memoryview) -> bool:
-    """Whether a message probably becomes shorter when it is compressed; samples of a large one tell.
-
-    Args:
-        data: the message.
-    """
-    if len(data) < SAMPLES * SAMPLE_BYTES * 4:
-        return True
-    step = len(data) // SAMPLES
-    sample = b"".join([data[start : start + SAMPLE_BYTES] for start in range(0, step * SAMPLES, step)])
-    shrunk = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(sample)
-    return len(shrunk) < LEAST_SHRUNK * len(sample)
 
 
 def start_counting(channel: SendChannel) -> None:

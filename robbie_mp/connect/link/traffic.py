@@ -12,7 +12,7 @@ class TrafficClass(IntEnum):
     COMMAND = 1
     """At once or never: the newest only, and dropped when it is older than it may be."""
     STATE = 2
-    """The newest only, at a limited rate. What the network loses is counted, not sent again."""
+    """The newest only, at a limited rate. What the network loses is counted, and the newest sent again."""
     RELIABLE = 3
     """In order, and sent again after a break, from a store of limited size."""
     BULK = 4

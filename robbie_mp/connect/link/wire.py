@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,6 +22,7 @@ from robbie_mp.connect.link.header import (
     ROBOT_NAME,
     Beat,
     DataHeader,
+    ReceivedPacket,
     ReceiverReport,
     pack,
 )
@@ -62,8 +64,6 @@ ROOM_US = 5_000
 MAX_ROOM_US = 10_000
 """and for all batches of a packet."""
 FIND_S = 2.0
-MAX_ORIGINS = 256
-"""Keys of packets of which the sender is remembered."""
 
 
 class LinkUnavailable(RobbieError, RuntimeError):
@@ -101,19 +101,6 @@ class InboxLimits(NamedTuple):
 
     packets: int
     bytes: int
-
-
-class ReceivedPacket(NamedTuple):
-    """A packet from the network; nothing in it has been checked, except for its size."""
-
-    robot: str
-    """The sender, by the packet's key."""
-    header: bytes
-    payload: bytes
-    at_ns: int
-    """When it arrived, by the machine's monotonic clock."""
-    is_datagram: bool
-    """Whether it was sent as a datagram."""
 
 
 def ways(endpoints: Endpoints, addresses: Sequence[str], *, listens: bool = False) -> list[str]:
@@ -233,7 +220,6 @@ class Wire:
     Attributes:
         overflowed: packets dropped because too many waited.
         oversized: packets that no link sends, because they are too large, or have no header.
-        unsent: packets that Zenoh did not take.
         turns: what works with what `take_at_once` works with must have a turn.
 
     Raises:
@@ -261,13 +247,11 @@ class Wire:
         self._inbox: deque[ReceivedPacket] = deque()
         self._inbox_bytes = 0
         self._inbox_lock = threading.Lock()
-        self._origins: dict[str, tuple[str, bool]] = {}
         self.turns = Turns()
         self._seen: deque[str] = deque(maxlen=256)
         self._publishers: dict[tuple[str, int, bool, bool], zenoh.Publisher] = {}
         self.overflowed = 0
         self.oversized = 0
-        self.unsent = 0
         on_sample = zenoh.handlers.Callback(self._on_sample, indirect=False)
         self._declared = [
             self._zenoh.declare_subscriber(f"{PACKETS}/{robot}/*", on_sample),
@@ -292,10 +276,8 @@ class Wire:
         if publisher is None:
             publisher = self._publishers[key] = self._declare(*key)
         data, header = payload if type(payload) is bytes else bytes(payload), pack(packet)
-        try:
+        with suppress(self._error):  # it counts as lost
             publisher.put(data, attachment=header)
-        except self._error:
-            self.unsent += 1
 
     def take_at_once(self, take: Callable[[ReceivedPacket], None] | None) -> None:
         """From now on, call a function with packets, in threads of Zenoh; None: keep them for `received`.
@@ -362,12 +344,13 @@ class Wire:
             with self._inbox_lock:
                 self.oversized += 1
             return
-        origin = self._origin(str(sample.key_expr))
+        key = str(sample.key_expr)
+        robot, is_datagram = key.rpartition("/")[2], key.startswith(DATAGRAMS)
         if self._take is not None and not self._inbox and self.turns.begin_at_once():
             try:
                 if self._take is not None:  # nobody changes it during this turn
                     self._take(
-                        ReceivedPacket(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1])
+                        ReceivedPacket(robot, header.to_bytes(), payload.to_bytes(), at_ns, is_datagram)
                     )
                     return
             except Exception as error:
@@ -384,18 +367,9 @@ class Wire:
                 return
             self._inbox_bytes += size
             self._inbox.append(
-                ReceivedPacket(origin[0], header.to_bytes(), payload.to_bytes(), at_ns, origin[1])
+                ReceivedPacket(robot, header.to_bytes(), payload.to_bytes(), at_ns, is_datagram)
             )
         self._wake()
-
-    def _origin(self, key: str) -> tuple[str, bool]:
-        """Return who has sent a packet with this key, and whether as a datagram."""
-        origin = self._origins.get(key)
-        if origin is None:
-            if len(self._origins) >= MAX_ORIGINS:
-                self._origins.clear()
-            origin = self._origins[key] = key.rpartition("/")[2], key.startswith(DATAGRAMS)
-        return origin
 
     def _on_robot(self, sample: "zenoh.Sample") -> None:
         import zenoh  # noqa: PLC0415

@@ -61,7 +61,6 @@ def test_true_offset_is_always_within_the_uncertainty(
         now_ns = one.returned_ns
         check(measured, other, now_ns)
     check(measured, other, now_ns + later_ns)
-    assert (measured.jumps, measured.impossible) == (0, 0)
 
 
 @given(st.lists(st.tuples(DELAYS_NS, DELAYS_NS), min_size=1, max_size=20))
@@ -93,17 +92,19 @@ def test_jump_greater_than_the_limits_is_noticed_and_the_offset_is_right_again(
         measured.add(one)
         now_ns = one.returned_ns
     other.jump(by_ns)
+    has_jumped = False
     for number, (pause_ns, *times_ns) in enumerate(after):
         one = exchange(other, now_ns + pause_ns, *times_ns)
         now_ns = one.returned_ns
         old = measured.at(now_ns)
         assert old is not None
         verdict = measured.add(one)
+        has_jumped |= verdict is ExchangeVerdict.JUMPED
         drifted_ns = (one.returned_ns - one.sent_ns) * MAX_DRIFT_PPM * 1e-6
         width_ns = 2 * old.uncertainty_ns + one.round_trip_ns + 2 * drifted_ns
         if number == 0 and abs(by_ns) > 1.01 * width_ns + 10:
             assert verdict is ExchangeVerdict.JUMPED
-        if measured.jumps:
+        if has_jumped:
             check(measured, other, now_ns)
 
 
@@ -119,7 +120,6 @@ def test_restarted_robot_is_noticed_by_its_clock() -> None:
     found = measured.at(soon_ns + 20_000_000)
     assert found is not None
     assert abs(found.offset_ns - (1000 - soon_ns - 10_000_000)) < 100_000
-    assert measured.jumps == 1
 
 
 @pytest.mark.parametrize(
@@ -130,13 +130,12 @@ def test_restarted_robot_is_noticed_by_its_clock() -> None:
         Exchange(1000, 50, 5000, 2000),  # longer at the other robot than from here to there and back
     ],
 )
-def test_impossible_times_change_nothing_and_are_counted(impossible: Exchange) -> None:
+def test_impossible_times_change_nothing(impossible: Exchange) -> None:
     measured = ClockOffset()
     measured.add(Exchange(0, 100, 110, 20))
     before = measured.at(3000)
     assert measured.add(impossible) is ExchangeVerdict.IMPOSSIBLE
     assert measured.at(3000) == before
-    assert measured.impossible == 1
 
 
 def known(measured: ClockOffset) -> list[object]:

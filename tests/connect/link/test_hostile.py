@@ -26,6 +26,7 @@ from robbie_mp.connect.link.header import (
     Beat,
     ChannelId,
     DataHeader,
+    ReceivedPacket,
     ReceiverReport,
     pack,
     unpack,
@@ -87,7 +88,8 @@ class Besieged:
 
     def get(self, packet: DataHeader | ReceiverReport | Beat, payload: bytes = b"") -> None:
         """Take a packet as it comes from the network."""
-        self.node.take_and_tell("blue", pack(packet), payload, self.now_ns)
+        received = ReceivedPacket("blue", pack(packet), payload, self.now_ns, is_datagram=False)
+        self.node.take_and_tell(received)
         self.node.tell_all(self.now_ns)
 
     def beat(self) -> None:

@@ -9,9 +9,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from robbie_mp.connect.link import wire as wire_module
-from robbie_mp.connect.link.header import PART_BYTES, Beat, pack
+from robbie_mp.connect.link.header import PART_BYTES, Beat, ReceivedPacket, pack
 from robbie_mp.connect.link.turns import Turns
-from robbie_mp.connect.link.wire import PACKETS, Endpoints, InboxLimits, ReceivedPacket, Wire
+from robbie_mp.connect.link.wire import PACKETS, Endpoints, InboxLimits, Wire
 from tests._support.robot import wait_until
 
 LIMITS = InboxLimits(packets=100, bytes=2 * PART_BYTES)

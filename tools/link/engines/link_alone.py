@@ -5,12 +5,12 @@ import threading
 import time
 
 from robbie_mp.connect.link.counts import LinkCounts
-from robbie_mp.connect.link.header import ChannelId
+from robbie_mp.connect.link.header import ChannelId, ReceivedPacket
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.receiving import Arrived, Fate
 from robbie_mp.connect.link.sending import SendLimits
 from robbie_mp.connect.link.traffic import TrafficClass
-from robbie_mp.connect.link.wire import Endpoints, InboxLimits, ReceivedPacket, Wire
+from robbie_mp.connect.link.wire import Endpoints, InboxLimits, Wire
 from tools.link.engines.side import KEPT, OnMessage
 
 PORT = 7447
@@ -61,17 +61,13 @@ class LinkAlone:
                 for robot in self._wire.seen():
                     self._node.meet(robot)
                 for one in self._wire.received():
-                    self._node.take(
-                        one.robot, one.header, one.payload, one.at_ns, is_datagram=one.is_datagram
-                    )
+                    self._node.take(one)
                 now_ns = time.monotonic_ns()
                 self._node.tell_all(now_ns)
                 self._node.look_after(now_ns)
 
     def _take_one(self, one: ReceivedPacket) -> None:
-        if self._node.take_and_tell(
-            one.robot, one.header, one.payload, one.at_ns, is_datagram=one.is_datagram
-        ):
+        if self._node.take_and_tell(one):
             self._wake.set()
 
 

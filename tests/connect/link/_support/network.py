@@ -8,7 +8,7 @@ from itertools import count
 from pathlib import Path
 
 from robbie_mp.connect.link.counts import ExchangeCounts, LinkCounts
-from robbie_mp.connect.link.header import Beat, ChannelId, DataHeader, ReceiverReport, pack
+from robbie_mp.connect.link.header import Beat, ChannelId, DataHeader, ReceivedPacket, ReceiverReport, pack
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.receiving import Arrived, Fate
 from robbie_mp.connect.link.sending import SendLimits
@@ -139,9 +139,7 @@ class Robot:
         for file in self.folder.iterdir():
             file.unlink()
 
-    def offer(
-        self, name: ChannelId, traffic: TrafficClass, data: bytes | memoryview, *, is_latched: bool = False
-    ) -> None:
+    def offer(self, name: ChannelId, traffic: TrafficClass, data: bytes, *, is_latched: bool = False) -> None:
         """Publish a message on this robot's bus."""
         message = Offered(name, traffic, data, self.network.now_ns, is_latched)
         if is_latched:
@@ -165,14 +163,8 @@ class Robot:
         """Take a packet from the network."""
         if self.node is not None:
             now_ns = self.network.now_ns
-            if self.node.take_and_tell(sender, header, payload, now_ns, is_datagram=is_datagram):
+            if self.node.take_and_tell(ReceivedPacket(sender, header, payload, now_ns, is_datagram)):
                 self.node.tell_all(now_ns)
-
-    def is_sent(self, traffic: TrafficClass) -> bool:
-        """Whether every message of a class has been cut into packets."""
-        assert self.node is not None
-        streams = [peer.streams[traffic] for peer in self.node.peers.values()]
-        return not any(stream.begun or stream.waiting for stream in streams)
 
     def received(self, name: ChannelId) -> list[bytes]:
         """What its modules have received on a channel, in order."""
