@@ -110,7 +110,7 @@ def link(_accept: dict[str, str]) -> Iterator[tuple[ModuleHarness[Any], Feed]]:
             name = ChannelId(message.type_name, message.version, "t")
             data = message.encode()
             for traffic in (TrafficClass.RELIABLE, TrafficClass.COMMAND):
-                bridge.module.on_arrived(Arrived("red", 1, traffic, 0, name, data, 0, 0, False, ("red",)))
+                bridge.module.on_arrived(Arrived("red", 1, traffic, 0, name, data, 0, 0, False))
 
         yield bridge, feed
 

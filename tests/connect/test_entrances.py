@@ -62,7 +62,7 @@ def test_link_refuses_an_ill_formed_message(message: Message, field: str) -> Non
     with ModuleHarness(Link, settings) as harness:
         link = harness.module
         name = ChannelId(message.type_name, message.version, "odom")
-        arrived = Arrived("red", 1, TrafficClass.RELIABLE, 0, name, message.encode(), 0, 0, False, ("red",))
+        arrived = Arrived("red", 1, TrafficClass.RELIABLE, 0, name, message.encode(), 0, 0, False)
         assert link.on_arrived(arrived) is Fate.REFUSED
         good = arrived._replace(name=name, data=type(message)().encode())
         assert isinstance(message, DriveCommand) or link.on_arrived(good) is Fate.PUBLISHED

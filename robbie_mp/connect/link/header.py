@@ -14,7 +14,7 @@ from robbie_mp.messages import DeclarationError, VersionError
 from robbie_mp.messages.encoded import check_type
 
 MAGIC = b"RL"
-VERSION = 4
+VERSION = 5
 PART_BYTES = 60_000
 """Most bytes of a message in one packet: it fits into one batch of Zenoh."""
 DATAGRAM_BYTES = 900
@@ -23,8 +23,6 @@ HEADER_BYTES = 100
 """The size that a header counts in what is under way."""
 MAX_HEADER_BYTES = 16_384
 MAX_NAME_BYTES = 96
-MAX_HOPS = 8
-"""Robots that a message may have passed."""
 MAX_COUNTS = 512
 """Channels in one report."""
 MAX_WORD = (1 << 64) - 1
@@ -88,8 +86,6 @@ class DataHeader(NamedTuple):
     """In the first part only."""
     size: int = 0
     """Bytes of the whole message before it was compressed; in the first part only."""
-    sources: tuple[str, ...] = ()
-    """Robots that the message has passed, its own first; in the first part only."""
 
     @property
     def is_mark(self) -> bool:
@@ -161,17 +157,15 @@ def pack(packet: Packet) -> bytes:
     if isinstance(packet, DataHeader):
         name = packet.name
         about = (0, 0) if name is None else (name.version, packet.size)
-        return _DATA_FIELDS.pack(_BEGIN, _DATA, *packet[1:13], *about) + _packed_names(
-            packet.robot, name, packet.sources
-        )
+        return _DATA_FIELDS.pack(_BEGIN, _DATA, *packet[1:13], *about) + _packed_names(packet.robot, name)
     if isinstance(packet, ReceiverReport):
         fixed = _REPORT_FIELDS.pack(
             _BEGIN, _REPORT, packet.traffic, packet.misses, packet.session, packet.about, packet.next,
             packet.handled, packet.newest, len(packet.counts),
         )  # fmt: skip
         counts = b"".join([_COUNT.pack(*one) for one in packet.counts])
-        return fixed + counts + _packed_names(packet.robot, None, ())
-    return _BEAT_FIELDS.pack(_BEGIN, _BEAT, *packet[1:]) + _packed_names(packet.robot, None, ())
+        return fixed + counts + _packed_names(packet.robot, None)
+    return _BEAT_FIELDS.pack(_BEGIN, _BEAT, *packet[1:]) + _packed_names(packet.robot, None)
 
 
 def unpack(header: bytes) -> Packet | None:
@@ -212,10 +206,10 @@ def _unpack_data(header: bytes) -> DataHeader:
         or (size and not version)
     ):
         raise _Malformed
-    robot, name, sources = _names(header[_DATA_FIELDS.size :], version)
+    robot, name = _names(header[_DATA_FIELDS.size :], version)
     return DataHeader(
         robot, _traffic(traffic), flags, channel, session, to, sequence, oldest, sending, start, whole,
-        stamp_ns, type_hash, name, size, sources,
+        stamp_ns, type_hash, name, size,
     )  # fmt: skip
 
 
@@ -227,14 +221,14 @@ def _unpack_report(header: bytes) -> ReceiverReport:
     if count > MAX_COUNTS or misses > 1 or not is_possible or end > len(header):
         raise _Malformed
     counts = tuple(_COUNT.iter_unpack(header[_REPORT_FIELDS.size : end]))
-    robot, _, _ = _names(header[end:], 0)
+    robot, _ = _names(header[end:], 0)
     known = _traffic(traffic)
     return ReceiverReport(robot, known, session, about, following, handled, newest, counts, bool(misses))
 
 
 def _unpack_beat(header: bytes) -> Beat:
     fields = _BEAT_FIELDS.unpack_from(header)
-    robot, _, _ = _names(header[_BEAT_FIELDS.size :], 0)
+    robot, _ = _names(header[_BEAT_FIELDS.size :], 0)
     beat = Beat(robot, *fields[2:])
     if beat.lost_permille > 1000:
         raise _Malformed
@@ -251,33 +245,25 @@ def _traffic(number: int) -> TrafficClass:
 
 
 @lru_cache(_KNOWN_NAMES)
-def _packed_names(robot: str, name: ChannelId | None, sources: tuple[str, ...]) -> bytes:
-    if name is None:
-        return _text(robot)
-    count = bytes([len(sources)])
-    return _text(robot) + _text(name.type_name) + _text(name.topic) + count + b"".join(map(_text, sources))
+def _packed_names(robot: str, name: ChannelId | None) -> bytes:
+    return _text(robot) + (b"" if name is None else _text(name.type_name) + _text(name.topic))
 
 
 @lru_cache(_KNOWN_NAMES)
-def _names(data: bytes, version: int) -> tuple[str, ChannelId | None, tuple[str, ...]]:
-    """Return robot, channel and sources; with version 0, there is only the robot."""
+def _names(data: bytes, version: int) -> tuple[str, ChannelId | None]:
+    """Return robot and channel; with version 0, there is only the robot."""
     rest = _Reader(data)
     robot = rest.robot()
     name: ChannelId | None = None
-    sources: tuple[str, ...] = ()
     if version:
         name = ChannelId(rest.text(), version, rest.text())
-        count = rest.byte()
-        if not 0 < count <= MAX_HOPS:
-            raise _Malformed
-        sources = tuple([rest.robot() for _ in range(count)])
         try:
             check_type(name.type_name, name.version)
         except (DeclarationError, VersionError) as error:
             raise _Malformed from error
     if not rest.is_at_end:
         raise _Malformed
-    return robot, name, sources
+    return robot, name
 
 
 class _Reader:

@@ -248,7 +248,6 @@ class Link(Module):
         """The operators who have control of other robots, as far as those have said."""
         self.late = 0
         self.mismatched = 0
-        self.looped = 0
         self._outgoing: dict[tuple[str, int, str], LinkOutgoing] = {}
         """How the messages of a type, version and topic are sent."""
         self._hashes: dict[tuple[str, int], int] = {}
@@ -514,9 +513,6 @@ class Link(Module):
 
     def _may_come_in(self, message: Arrived) -> LinkIncoming | None:
         """Find out what becomes of a message; None: it may not come in."""
-        if self.robot in message.sources:
-            self.looped += 1
-            return None
         key = (message.robot, message.name, message.type_hash)
         return self._incoming.get(key) or self._admit(message)
 

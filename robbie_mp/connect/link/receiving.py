@@ -47,7 +47,6 @@ class Arrived(NamedTuple):
     """When it was published, by the clock of that robot."""
     type_hash: int
     is_latched: bool
-    sources: tuple[str, ...]
 
 
 @dataclass(slots=True)
@@ -249,7 +248,6 @@ class ReceiveStream:
             first.stamp_ns,
             first.type_hash,
             bool(first.flags & LATCHED),
-            first.sources,
         )
 
     def _decompress(self, data: bytearray, size: int) -> bytes:

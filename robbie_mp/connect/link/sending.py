@@ -367,10 +367,10 @@ class SendStream:
     def _header(self, packet: Packet, oldest: int, number: int) -> DataHeader:
         item, own = packet.item, self.address
         channel, stamp_ns, type_hash = 0, 0, 0
-        about: tuple[()] | tuple[ChannelId, int, tuple[str]] = ()
+        about: tuple[()] | tuple[ChannelId, int] = ()
         if item is not None:
             channel, stamp_ns, type_hash = item.channel.number, item.stamp_ns, item.channel.type_hash
-            about = () if packet.start else (item.channel.name, item.size, (own.robot,))
+            about = () if packet.start else (item.channel.name, item.size)
         return DataHeader(
             own.robot, self.traffic, packet.flags, channel, own.session, own.to, packet.sequence,
             oldest, number, packet.start, packet.whole, stamp_ns, type_hash, *about,

@@ -346,12 +346,11 @@ class Wire:
             return
         key = str(sample.key_expr)
         robot, is_datagram = key.rpartition("/")[2], key.startswith(DATAGRAMS)
+        one = ReceivedPacket(robot, header.to_bytes(), payload.to_bytes(), at_ns, is_datagram)
         if self._take is not None and not self._inbox and self.turns.begin_at_once():
             try:
                 if self._take is not None:  # nobody changes it during this turn
-                    self._take(
-                        ReceivedPacket(robot, header.to_bytes(), payload.to_bytes(), at_ns, is_datagram)
-                    )
+                    self._take(one)
                     return
             except Exception as error:
                 self._failure, self._take = error, None
@@ -360,15 +359,12 @@ class Wire:
             finally:
                 self.turns.end()
         with self._inbox_lock:
-            size = len(header) + len(payload)
-            limits = self._limits
+            size, limits = _size(one), self._limits
             if len(self._inbox) >= limits.packets or self._inbox_bytes + size > limits.bytes:
                 self.overflowed += 1
                 return
             self._inbox_bytes += size
-            self._inbox.append(
-                ReceivedPacket(robot, header.to_bytes(), payload.to_bytes(), at_ns, is_datagram)
-            )
+            self._inbox.append(one)
         self._wake()
 
     def _on_robot(self, sample: "zenoh.Sample") -> None:

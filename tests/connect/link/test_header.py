@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 from robbie_mp.connect.link.header import (
     MAGIC,
     MAX_COUNTS,
-    MAX_HOPS,
     MAX_SEQUENCE,
     MAX_WORD,
     ROBOT_NAME,
@@ -51,7 +50,6 @@ def data_headers(draw: st.DrawFn) -> DataHeader:
     return header._replace(
         name=ChannelId("sensor_msgs/msg/Image", draw(st.integers(1, (1 << 32) - 1)), draw(TOPICS)),
         size=draw(st.integers(0, (1 << 32) - 1)),
-        sources=tuple(draw(st.lists(ROBOTS, min_size=1, max_size=MAX_HOPS))),
     )
 
 
@@ -107,16 +105,13 @@ def test_no_bytes_make_unpack_raise(rest: bytes) -> None:
 
 def test_a_header_that_names_too_much_is_refused() -> None:
     name = ChannelId("sensor_msgs/msg/Image", 1, "camera")
-    good = DataHeader("red", CLASSES[2], 0, 1, 7, 8, 5, 1, 9, 0, 10, 0, 0, name, 10, ("red",))
+    good = DataHeader("red", CLASSES[2], 0, 1, 7, 8, 5, 1, 9, 0, 10, 0, 0, name, 10)
     assert unpack(pack(good)) == good
     bad: list[Packet] = [
-        good._replace(sources=("red",) * (MAX_HOPS + 1)),
-        good._replace(sources=()),
-        good._replace(sources=("red/blue",)),
         good._replace(robot="*"),
         good._replace(start=5),
-        good._replace(name=None, size=0, sources=()),
-        good._replace(start=10, name=None, size=0, sources=()),
+        good._replace(name=None, size=0),
+        good._replace(start=10, name=None, size=0),
         good._replace(sending=4),
         good._replace(sending=MAX_SEQUENCE + 1),
         good._replace(oldest=6),

@@ -169,7 +169,7 @@ def arrive(message: Message, **settings: Any) -> tuple[Message, str]:
     }
     with ModuleHarness(Link, {**chosen, **settings}) as harness:
         name = ChannelId(message.type_name, message.version, "odom")
-        one = Arrived("red", 1, TrafficClass.STATE, 0, name, message.encode(), 0, 0, False, ("red",))
+        one = Arrived("red", 1, TrafficClass.STATE, 0, name, message.encode(), 0, 0, False)
         assert harness.module.on_arrived(one) is Fate.PUBLISHED
         (entry,) = harness.published_encoded
         return type(message).decode(entry.data), entry.topic
@@ -213,7 +213,7 @@ def test_what_another_robot_sends_to_this_one_has_no_prefix(topic: str, here: st
         harness.module.node.meet("blue")
         name = ChannelId(EmergencyStop.type_name, EmergencyStop.version, topic)
         data = EmergencyStop(engaged=True).encode()
-        one = Arrived("blue", 1, TrafficClass.URGENT, 0, name, data, 0, 0, False, ("blue",))
+        one = Arrived("blue", 1, TrafficClass.URGENT, 0, name, data, 0, 0, False)
         assert harness.module.on_arrived(one) is Fate.PUBLISHED
         assert [entry.topic for entry in harness.published_encoded] == [here]
 
@@ -231,9 +231,7 @@ def test_a_topic_that_the_bus_does_not_take_is_refused_and_ends_nothing(
         link.node.meet("blue")
         monkeypatch.setattr(link, "publish_encoded", refuse)
         name = ChannelId(String.type_name, 1, "x" * 96)
-        message = Arrived(
-            "blue", 1, TrafficClass.RELIABLE, 0, name, String(data="x").encode(), 0, 0, False, ("blue",)
-        )
+        message = Arrived("blue", 1, TrafficClass.RELIABLE, 0, name, String(data="x").encode(), 0, 0, False)
         assert link.on_arrived(message) is Fate.REFUSED
 
 
@@ -247,7 +245,7 @@ def test_order_to_a_robot_reaches_no_other_that_its_link_knows_instead() -> None
         for topic in ("green/operator_request", "red/operator_request", "operator_request"):
             name = ChannelId(OperatorRequest.type_name, OperatorRequest.version, topic)
             hold = OperatorRequest(wish=OperatorRequest.HOLD).encode()
-            one = Arrived("blue", 1, TrafficClass.URGENT, 0, name, hold, 0, 0, False, ("blue",))
+            one = Arrived("blue", 1, TrafficClass.URGENT, 0, name, hold, 0, 0, False)
             fates[topic] = link.on_arrived(one)
         assert [*fates.values()] == [Fate.REFUSED, Fate.PUBLISHED, Fate.PUBLISHED]
         assert len(link._orders) == 2
@@ -269,7 +267,7 @@ def test_operator_who_drives_one_of_several_robots_must_let_go_when_the_link_is_
         command = DriveCommand(linear_m_per_s=0.5, valid_for=Duration.from_nanoseconds(220_000_000))
         name = ChannelId(DriveCommand.type_name, DriveCommand.version, "red/manual")
         data = command.encode()
-        link.on_arrived(Arrived("blue", 1, TrafficClass.COMMAND, 0, name, data, now_ns, 0, False, ("blue",)))
+        link.on_arrived(Arrived("blue", 1, TrafficClass.COMMAND, 0, name, data, now_ns, 0, False))
         assert seen == [("blue", True)]
 
 

@@ -63,7 +63,7 @@ class RedRobot:
         traffic = TrafficClass.URGENT
         if not isinstance(message, EmergencyStop | OperatorRequest | OperatorState | ToolRequest):
             traffic = TrafficClass.COMMAND
-        arrived = Arrived(operator, 1, traffic, 0, name, message.encode(), stamp_ns, 0, False, (operator,))
+        arrived = Arrived(operator, 1, traffic, 0, name, message.encode(), stamp_ns, 0, False)
         return self.link.on_arrived(arrived) is Fate.PUBLISHED
 
     def drives(self, operator: str, *, age_s: float = 0.0) -> bool:

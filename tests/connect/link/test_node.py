@@ -149,7 +149,7 @@ def test_a_command_is_not_delayed_by_images_that_fill_the_link() -> None:
         if message.name == COMMAND
     )
     assert len(delays) > 590
-    assert delays[len(delays) * 99 // 100] < 100 * MS  # 50 ms on the way and 50 ms more
+    assert delays[len(delays) * 99 // 100] < 150 * MS  # a round trip and 50 ms more, as promised
     image_bytes = sum(len(data) for data in blue.received(BULK))
     assert image_bytes > 0.7 * 12.0 * conditions.bytes_per_s
 

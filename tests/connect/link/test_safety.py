@@ -28,7 +28,7 @@ THEIR_NS = 9_000_000 * MS
 
 def arrived(message: Message, traffic: TrafficClass = TrafficClass.COMMAND) -> Arrived:
     name = ChannelId(message.type_name, message.version, "topic")
-    return Arrived("laptop", 1, traffic, 0, name, message.encode(), 0, 0, False, ("laptop",))
+    return Arrived("laptop", 1, traffic, 0, name, message.encode(), 0, 0, False)
 
 
 def aged(age_ms: int) -> Ages:
