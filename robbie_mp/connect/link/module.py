@@ -481,6 +481,10 @@ class Link(Module):
             self._see_drive(message.robot, data)
         if is_wrong or (incoming.commands and not self._is_obeyed(message.robot)):
             return Fate.REFUSED
+        return self._publish_arrived(message, data, incoming)
+
+    def _publish_arrived(self, message: Arrived, data: bytes, incoming: LinkIncoming) -> Fate:
+        name = message.name
         try:
             if incoming.framed is not None:
                 data = prefixed(incoming.framed.decode(data), f"{message.robot}/").encode()
@@ -490,7 +494,19 @@ class Link(Module):
         except (MessageError, MessageTooLarge, NameTooLong, TooManyDeclarations) as error:
             self.log.warning("a message of %s cannot be published: %s", message.robot, error)
             return Fate.REFUSED
-        return Fate.PUBLISHED if done else Fate.NO_ROOM
+        if done:
+            return Fate.PUBLISHED
+        return Fate.NO_ROOM if self._may_wait(message) else Fate.REFUSED
+
+    def _may_wait(self, message: Arrived) -> bool:
+        """Whether what comes after a message may wait until there is room for it.
+
+        A stop may come after something urgent, which therefore waits no longer than a command is valid.
+        """
+        if message.traffic is not TrafficClass.URGENT or message.name.type_name == EmergencyStop.type_name:
+            return True
+        ages = self.node.peers[message.robot].clock.age_ns(message.stamp_ns, self.clock.monotonic_ns())
+        return ages is not None and ages[1] <= self.command_expires_s / NS
 
     def _take_for_itself(self, message: Arrived, data: bytes, incoming: LinkIncoming) -> Fate:
         if message.name.type_name == OperatorRequest.type_name:

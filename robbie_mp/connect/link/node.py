@@ -169,7 +169,7 @@ class LinkNode:
     def tell_all(self, now_ns: int) -> None:
         """Report what has just been taken, and send what may be sent now."""
         for peer in self.peers.values():
-            peer.tell()
+            peer.tell(now_ns)
             peer.pump(now_ns)
 
     def look_after(self, now_ns: int) -> None:

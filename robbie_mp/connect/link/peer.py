@@ -263,7 +263,7 @@ class Peer:
         )
         for stream in self._incoming.values():
             stream.is_told = False
-        self.tell()
+        self.tell(now_ns)
         if now_ns < self._tells_past_until_ns and self._beat_number % PAST_BEATS == 1:
             past = [session for session in sessions if session != self.session]
             for session in past[-PAST_TOLD:]:
@@ -363,10 +363,15 @@ class Peer:
         counts = {number: (received, refused) for number, received, refused in report.counts}
         self._counts.settle_past(self.name, report.about, counts)
 
-    def tell(self) -> None:
-        """Tell the other link what has been received, with what had waited for room here."""
+    def tell(self, now_ns: int) -> None:
+        """Tell the other link what has been received, with what had waited for room here.
+
+        What waits is not published while its sender is silent, except for what is urgent: an operator who is
+        gone does not take control.
+        """
         for stream in self._incoming.values():
-            stream.go_on()
+            if stream.traffic is TrafficClass.URGENT or self.is_up(now_ns):
+                stream.go_on(now_ns)
             if not stream.is_told:
                 self._tell(stream)
 

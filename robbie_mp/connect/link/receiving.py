@@ -1,5 +1,6 @@
 """The receiving end of a stream: takes each packet at most once, in order, and puts messages together."""
 
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,7 +12,6 @@ import zstandard
 from robbie_mp.connect.link.counts import HANDLING, NEXT, CountRow
 from robbie_mp.connect.link.header import (
     COMPRESSED,
-    HEADER_BYTES,
     LATCHED,
     MAX_COUNTS,
     ChannelId,
@@ -21,6 +21,10 @@ from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
 
 MAX_HELD_BYTES = 1 << 20
 """Of packets that come while a message waits for room; more than any sender has under way."""
+HELD_BYTES = 1000
+"""The size that each of them counts besides what it carries."""
+RETRY_FACTOR = 10
+"""A message without room is tried again after this many times as long as the last attempt took."""
 
 
 class Fate(Enum):
@@ -82,8 +86,12 @@ class ReceiveStream:
         self._handle = handle
         self._max_bytes = max_bytes
         self._parts: _Parts | None = None
-        self._blocked: tuple[int, Arrived | None] | None = None
-        """A message that there was no room for, and the sequence of its last packet."""
+        self._blocked: Arrived | None = None
+        """A message that there was no room for,"""
+        self._blocked_at = 0
+        """the sequence of its last packet, and"""
+        self._retry_ns = 0
+        """when it is tried again."""
         self._held: deque[tuple[DataHeader, bytes]] = deque()
         """Packets that have come since then."""
         self._held_bytes = 0
@@ -124,10 +132,7 @@ class ReceiveStream:
         While a message waits for room, nothing is taken or told, so the sender's window fills, and it stops.
         """
         if self._blocked is not None:
-            size = HEADER_BYTES + len(payload)
-            if self._held_bytes + size <= MAX_HELD_BYTES:  # what is more will be missed, and sent again
-                self._held_bytes += size
-                self._held.append((header, payload))
+            self._hold(header, payload)
             return
         self.is_told = False
         self.untold_bytes += len(payload)
@@ -157,13 +162,26 @@ class ReceiveStream:
             return
         self._finish(header.sequence)
 
-    def go_on(self) -> None:
+    def _hold(self, header: DataHeader, payload: bytes) -> None:
+        """Keep a packet that comes while a message waits; what there is no room for will be sent again."""
+        newest = self._held[-1][0].sequence if self._held else self._blocked_at
+        size = HELD_BYTES + len(payload)
+        if header.sequence > newest and self._held_bytes + size <= MAX_HELD_BYTES:
+            self._held_bytes += size
+            self._held.append((header, payload))
+
+    def go_on(self, now_ns: int) -> None:
         """Publish the message that waits for room, if there is some now, and take what has come since."""
-        if self._blocked is None or not self._settle(*self._blocked):
+        if self._blocked is None or now_ns < self._retry_ns:
+            return
+        begun_ns = time.monotonic_ns()
+        if not self._settle(self._blocked_at, self._blocked):
+            self._retry_ns = now_ns + RETRY_FACTOR * (time.monotonic_ns() - begun_ns)
             return
         self._blocked, self.is_told = None, False
-        held, self._held, self._held_bytes = self._held, deque(), 0
-        for header, payload in held:
+        while self._held and self._blocked is None:
+            header, payload = self._held.popleft()
+            self._held_bytes -= HELD_BYTES + len(payload)
             self.take(header, payload)
 
     def _is_overtaken(self, header: DataHeader) -> bool:
@@ -218,9 +236,13 @@ class ReceiveStream:
         if not self._is_in_order:
             self._note(parts.first.channel, sequence)
         self._parts = None
-        if not self._settle(sequence, message):
-            self._blocked = sequence, message
+        if self._settle(sequence, message):
+            return
+        if self._is_in_order:
+            self._blocked, self._blocked_at, self._retry_ns = message, sequence, 0
             self.next = sequence + 1
+        else:  # a newer one comes soon
+            self._skip_to(max(self.next, sequence + 1))
 
     def _settle(self, sequence: int, message: Arrived | None) -> bool:
         """Publish or drop a message; False if there is no room for it now."""

@@ -36,6 +36,11 @@ from robbie_mp.connect.link.under_way import UnderWay
 MIN_COMPRESSED_BYTES = 512
 """Smaller messages are sent as they are."""
 COMPRESSION_LEVEL = 1
+SAMPLES = 8
+SAMPLE_BYTES = 2048
+"""The samples of a message more than four times as large tell whether it is worth compressing,"""
+LEAST_SHRUNK = 0.97
+"""which is so if they become at least this much shorter."""
 URGENT_AGAIN_NS = 50_000_000
 MIN_AGAIN_NS = 500_000_000
 """Least time after which a packet without an acknowledgement is sent again."""
@@ -292,7 +297,7 @@ class SendStream:
             item.data, item.convert = item.convert(item.data), None
         data, flags = item.data, LATCHED if item.is_latched else 0
         item.size = len(data)
-        if self.traffic is TrafficClass.BULK and len(data) >= MIN_COMPRESSED_BYTES:
+        if self.traffic is TrafficClass.BULK and len(data) >= MIN_COMPRESSED_BYTES and seems_to_shrink(data):
             compressed = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(data)
             if len(compressed) < len(data):
                 data, flags = compressed, flags | COMPRESSED
@@ -446,6 +451,8 @@ class SendStream:
         elif self.manners.is_resent:
             is_urgent = self.traffic is TrafficClass.URGENT
             self._again_ns = min(2 * self._again_ns, MAX_URGENT_AGAIN_NS if is_urgent else MAX_AGAIN_NS)
+            if is_urgent and not self._is_blocked:
+                self.rewind()
             # One at once, although all room is taken: its report says what else has not arrived. A stream
             # repeats by itself what the network loses, so all of it would come twice.
             self._send(self.pending.popleft() if self.pending else self.sent.pop(), now_ns)
@@ -454,6 +461,12 @@ class SendStream:
             mark = Packet(self.sequence, None, 0, 0, b"")
             self.unsettled_bytes += mark.size
             self._send(mark, now_ns)
+
+    @property
+    def _is_blocked(self) -> bool:
+        """Whether the other link has taken a whole message and has no room for it."""
+        taken = self._told[1] - 1
+        return any(packet.sequence == taken and packet.is_last for packet in self.sent)
 
     def rewind(self) -> None:
         """Send everything again that no report says has been handled."""
@@ -496,6 +509,20 @@ class SendStream:
     @property
     def _round_trip_ns(self) -> int:
         return self.clock.round_trip_ns or 0
+
+
+def seems_to_shrink(data: bytes) -> bool:
+    """Whether a message probably becomes shorter when it is compressed; samples of a large one tell.
+
+    Args:
+        data: the message.
+    """
+    if len(data) < SAMPLES * SAMPLE_BYTES * 4:
+        return True
+    step = len(data) // SAMPLES
+    sample = b"".join([data[start : start + SAMPLE_BYTES] for start in range(0, step * SAMPLES, step)])
+    shrunk = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL).compress(sample)
+    return len(shrunk) < LEAST_SHRUNK * len(sample)
 
 
 def start_counting(channel: SendChannel) -> None:

@@ -24,6 +24,7 @@ from robbie_mp.messages import (
     OperatorState,
     PanTiltCommand,
     SetControl,
+    String,
     ToolReply,
     ToolRequest,
 )
@@ -53,6 +54,10 @@ class RedRobot:
 
     def arrives(self, operator: str, message: Message, topic: str, *, age_s: float = 0.0) -> bool:
         """Whether a message of an operator is obeyed."""
+        return self.fate(operator, message, topic, age_s=age_s) is Fate.PUBLISHED
+
+    def fate(self, operator: str, message: Message, topic: str, *, age_s: float = 0.0) -> Fate:
+        """Let a message of an operator arrive."""
         peer = self.link.node.meet(operator)
         assert peer is not None
         now_ns = self.harness.clock.monotonic_ns()
@@ -61,10 +66,10 @@ class RedRobot:
         name = ChannelId(message.type_name, message.version, topic)
         stamp_ns = now_ns - round(age_s * 1e9)
         traffic = TrafficClass.URGENT
-        if not isinstance(message, EmergencyStop | OperatorRequest | OperatorState | ToolRequest):
+        if isinstance(message, DriveCommand | PanTiltCommand):
             traffic = TrafficClass.COMMAND
         arrived = Arrived(operator, 1, traffic, 0, name, message.encode(), stamp_ns, 0, False)
-        return self.link.on_arrived(arrived) is Fate.PUBLISHED
+        return self.link.on_arrived(arrived)
 
     def drives(self, operator: str, *, age_s: float = 0.0) -> bool:
         """Whether a drive command of an operator is obeyed."""
@@ -199,6 +204,23 @@ def test_own_page_of_the_robot_shares_the_command(red: RedRobot) -> None:
     red.harness.send(TAKE_OVER, topic="operator_request", sender="operator")
     assert red.told().operator == "red"
     assert not red.drives("anna")
+
+
+@pytest.mark.parametrize(
+    ("message", "age_s", "fate"),
+    [
+        (EmergencyStop(engaged=True), 5.0, Fate.NO_ROOM),
+        (String(data="lights on"), 0.1, Fate.NO_ROOM),
+        (String(data="lights on"), 0.5, Fate.REFUSED),
+    ],
+)
+def test_no_stop_waits_behind_something_urgent_without_room(
+    message: Message, age_s: float, fate: Fate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with ModuleHarness(Link, {"robot": "red", "listen": [], "accept": {"*": ["*"]}}) as harness:
+        harness.advance(2.0)
+        monkeypatch.setattr(harness.module, "publish_encoded", lambda *_, **__: False)
+        assert RedRobot(harness).fate("anna", message, "urgent", age_s=age_s) is fate
 
 
 def test_restarted_link_gives_the_command_to_nobody_else(red: RedRobot) -> None:

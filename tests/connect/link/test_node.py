@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from robbie_mp.connect.link.header import ChannelId, DataHeader, Packet
+from robbie_mp.connect.link.peer import SILENT_NS
 from robbie_mp.connect.link.receiving import Arrived, Fate
 from robbie_mp.connect.link.sending import SendLimits
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
@@ -343,6 +344,54 @@ def test_robot_without_room_is_sent_little_again_and_goes_on_as_soon_as_it_has_r
     assert numbers(blue, name)[-1] == 59
     check_counts(red, blue, name, 60)
     assert red.account(name).under_way == red.account(name).lost == red.account(name).dropped == 0
+
+
+def test_states_that_there_is_no_room_for_are_dropped_and_counted() -> None:
+    network, red, blue = two_robots(6)
+    has_room = False
+    blue.fate = lambda _: Fate.PUBLISHED if has_room else Fate.NO_ROOM
+    for number in range(40):
+        has_room = number >= 20
+        red.offer(STATE, TrafficClass.STATE, numbered(number, 500))
+        network.run(0.05)
+    network.run(1.0)
+    assert numbers(blue, STATE) == list(range(20, 40))
+    check_counts(red, blue, STATE, 40)
+    assert red.account(STATE).dropped == 20
+
+
+def test_what_waits_for_room_is_published_while_its_sender_is_silent_only_if_it_is_urgent() -> None:
+    network, red, blue = two_robots(6)
+    has_room = False
+    blue.fate = lambda _: Fate.PUBLISHED if has_room else Fate.NO_ROOM
+    red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(0, 100))
+    red.offer(STOP, TrafficClass.URGENT, numbered(0, 100))
+    network.run(0.2)
+    network.conditions.is_cut = True
+    network.run(SILENT_NS / 1e9 + 1.0)
+    has_room = True
+    network.run(0.5)
+    assert blue.received(STOP)
+    assert not blue.received(RELIABLE)
+    network.conditions.is_cut = False
+    network.run(3.0)
+    assert numbers(blue, RELIABLE) == numbers(blue, STOP) == [0]
+
+
+def test_everything_urgent_is_sent_again_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    network, red, _ = two_robots(6)
+    sent: dict[int, set[int]] = {}
+
+    def lose(_sender: str, receiver: str, packet: object, *_: object, **__: object) -> None:
+        if receiver == "blue" and isinstance(packet, DataHeader):
+            sent.setdefault(network.now_ns, set()).add(packet.sequence)
+
+    monkeypatch.setattr(network, "carry", lose)
+    for number in range(5):
+        red.offer(STOP, TrafficClass.URGENT, numbered(number, 100))
+        network.run(0.01)
+    network.run(0.3)
+    assert max(map(len, sent.values())) == 5
 
 
 def test_odometry_arrives_beside_large_states_over_a_long_and_fast_way() -> None:
