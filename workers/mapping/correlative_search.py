@@ -44,17 +44,27 @@ class Found:
 
 @dataclass(frozen=True)
 class Around:
-    """Poses near a pose: this far on each side of it, in x and y (m) and in heading (rad)."""
+    """Poses near a pose: this far on each side of it, in x and y (m) and in heading (rad).
+
+    Attributes:
+        pose: The pose.
+        distance_m: Greatest distance in x and in y.
+        angle_rad: Greatest turn.
+        along: `(2,)`, a unit vector. How far a pose lies off in this direction does not matter.
+    """
 
     pose: NDArray[np.float64]
     distance_m: float
     angle_rad: float
+    along: NDArray[np.float64] | None = None
 
     def holds(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which of the poses `(N, 3)` are near."""
-        off = np.abs(poses - self.pose)
-        turned = np.abs(wrap_angle(off[:, 2]))
-        holds: NDArray[np.bool_] = (off[:, :2].max(axis=1) <= self.distance_m) & (turned <= self.angle_rad)
+        off = (poses - self.pose)[:, :2]
+        if self.along is not None:
+            off = off - (off @ self.along)[:, None] * self.along
+        turned = np.abs(wrap_angle(poses[:, 2] - self.pose[2]))
+        holds: NDArray[np.bool_] = (np.abs(off).max(axis=1) <= self.distance_m) & (turned <= self.angle_rad)
         return holds
 
 

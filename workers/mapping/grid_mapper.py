@@ -364,7 +364,7 @@ class GridMapper:
         if len(self._keys) >= self.limits.key_sweeps:
             self.refused["sweeps beyond the limit of key sweeps"] += 1
             return
-        noticed, parts = self._slips.noticed, self._parts
+        noticed = self._slips.noticed
         calibration, before = self._tracker.odometry_deviation, self._corrected(self._base)
         raw = relative(self._base[1:4], odometry)
         step, moved = calibration.corrected(raw), self._odometry.moved(self._base[0], place.position)
@@ -373,13 +373,14 @@ class GridMapper:
         elif is_still:
             match = self._match_while_still(sweep, before, step)
         else:  # Nobody knows where a carried robot was put down.
-            deviation = np.maximum(calibration.over(moved), STILL if self._is_carried else 0.0)
+            deviation = np.maximum(calibration.over(raw, moved), STILL if self._is_carried else 0.0)
             match = self._checked_match(sweep, before, step, deviation)
         if match is None:
             return
         has_slipped = is_gap or is_still or self._is_carried or self._slips.noticed > noticed
         self._is_carried = is_still
-        is_key = self._place(match, sweep, place, must_be_key=self._parts > parts)
+        is_bridged = is_gap and bool(match.known.min() >= GAP_KNOWN)
+        is_key = self._place(match, sweep, place, must_be_key=has_slipped and not is_bridged)
         if is_key or has_slipped or moved[0] > FARTHEST_M or moved[2] > FARTHEST_RAD:
             if has_slipped:
                 calibration.interrupt()
@@ -391,7 +392,11 @@ class GridMapper:
             self._tracker.forget()
 
     def _place(self, match: Match, sweep: LaserSweep, place: TrackMoment, must_be_key: bool) -> bool:
-        """Anchor the trajectory at a matched sweep. Return whether it has become a key sweep."""
+        """Anchor the trajectory at a matched sweep. Return whether it has become a key sweep.
+
+        A sweep by which the robot was found elsewhere must be one, because only an edge of the graph knows
+        how uncertain that place is.
+        """
         odometry, base = self._laser(place.pose), len(self._keys) - 1
         offset = relative(self._keys.poses[base], match.pose)
         is_near = np.hypot(offset[0], offset[1]) < KEY_M and abs(offset[2]) < KEY_RAD
@@ -453,6 +458,7 @@ class GridMapper:
         self.gaps_noticed += 1
         match = self._slips.bridged(sweep, guess, deviation)
         if match is not None:
+            self.gaps_open += bool(match.known.min() < GAP_KNOWN)
             return match
         match = self._checked_match(sweep, before, step, deviation)
         if match is None or not self.is_certain:
@@ -483,11 +489,6 @@ class GridMapper:
         silence_s, coasted_m = self._odometry.longest_pause(self._newest[2], position)
         is_silent = silence_s >= SILENCE_S or (coasted_m >= COASTED_M and silence_s >= pause_s / 2)
         return bool(is_silent or is_long)
-
-    @property
-    def _parts(self) -> int:
-        """Number of parts of the map that only odometry joined to the rest when they began."""
-        return self.gaps_open + self._slips.not_undone
 
     def _begin_at(self, guess: NDArray[np.float64]) -> None:
         """Match only the sweeps from here on, because the robot was not found on the map before."""

@@ -96,10 +96,15 @@ class KeySweeps:
             chosen.append(int(number))
         return chosen
 
-    def lasting_surfaces(self, numbers: Sequence[int]) -> SurfacePoints:
+    def lasting_surfaces(self, numbers: Sequence[int], *, but_all_if_few: bool = True) -> SurfacePoints:
         """Join the surface points of some sweeps, without narrow things that only one of them saw.
 
         Those may be people, or other things that move.
+
+        Args:
+            numbers: The sweeps.
+            but_all_if_few: Whether the narrow things of a sweep that shows hardly anything else stay: it may
+                show trunks or pillars.
         """
         each = [self.sweeps[number].walls.moved(self.poses[number]) for number in numbers]
         joined = SurfacePoints.joined(each)
@@ -107,8 +112,9 @@ class KeySweeps:
         is_narrow = np.zeros(len(joined), np.bool_)
         first = np.cumsum([0, *(len(one) for one in each)])
         for begin, number in zip(first[:-1], numbers, strict=True):  # a sweep's hits, then what lies between
-            is_wide = self.sweeps[number].is_wide
-            is_narrow[begin : begin + len(is_wide)] = ~is_wide
+            sweep = self.sweeps[number]
+            narrow = ~sweep.is_wide if but_all_if_few else sweep.hits.narrow()
+            is_narrow[begin : begin + len(narrow)] = narrow
         stays = ~is_narrow
         stays[is_narrow] = _seen_by_others(joined.points, owner, np.flatnonzero(is_narrow))
         return joined.chosen(stays)

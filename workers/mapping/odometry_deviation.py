@@ -20,6 +20,7 @@ from robbie_robots.workers.planar_pose import compose, relative, wrap_angle
 STRETCH_M, STRETCH_RAD = 1.5, 1.0  # errors of shorter ways say little of longer ones
 MEMORY = 60.0  # stretches after which what was learnt counts for a third
 CUT = 3.0  # standard deviations at which errors are clipped
+UNUSUAL = 3.0  # standard deviations by which a turn must differ from the usual curve of the way
 WHOLE_SLIP, LEAST_SLIP = 0.25, 0.2  # m or rad of a step with the full slip; least share of it
 SHARES = np.geomspace(0.05, np.sqrt(2.0), 100)  # possible standard deviations, as a share of the first guess
 SYSTEMATIC = np.diag([0.1, 0.05, 0.1]) ** 2  # covariance of scale, rad per m, rad per rad of an unknown robot
@@ -38,6 +39,7 @@ class OdometryDeviation:
         self.systematic = np.zeros(3)
         self._covariance = SYSTEMATIC.copy()
         self._likelihood = np.zeros((3, len(SHARES)))  # logarithms
+        self._usual = np.zeros(2)  # way and turn of the stretches so far, which are forgotten alike
         self._begin(np.zeros(3))
 
     def _begin(self, noise: NDArray[np.float64]) -> None:
@@ -60,6 +62,7 @@ class OdometryDeviation:
             "covariance": self._covariance.copy(),
             "likelihood": self._likelihood.copy(),
             "stretch": np.array(stretch),
+            "usual": self._usual.copy(),
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -69,6 +72,7 @@ class OdometryDeviation:
         self.systematic, self._covariance = np.array(state["systematic"]), np.array(state["covariance"])
         self._likelihood = np.array(state["likelihood"])
         self._odometry, self._matched, self._moved, self._unseen, self._noise = np.array(state["stretch"])
+        self._usual = np.array(state.get("usual", np.zeros(2)))
 
     def corrected(self, step: ArrayLike) -> NDArray[np.float64]:
         """Return a step by odometry (x m, y m, heading rad) without its systematic errors."""
@@ -77,13 +81,18 @@ class OdometryDeviation:
         heading = turn + per_m * np.hypot(dx, dy) + per_rad * turn
         return np.array([dx * (1 + scale), dy * (1 + scale), heading])
 
-    def over(self, moved: ArrayLike) -> NDArray[np.float64]:
-        """Return the standard deviation over a motion (x m, y m, heading rad).
+    def over(self, step: ArrayLike, moved: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Return the standard deviation over a step (x m, y m, heading rad).
 
         It is at least what is not known yet of the systematic errors: a straight way teaches nothing of
-        turns. The first guess contains them.
+        turns, and left turns beside way nothing of right ones. The first guess contains them.
+
+        Args:
+            step: Odometry's motion.
+            moved: Length of the way, 0, and the sum of its turns, if the step has some in both directions.
         """
-        by = _by_systematic(np.asarray(moved, float))
+        moved = np.asarray(step if moved is None else moved, float)
+        by = _by_systematic(np.asarray(step, float))
         unknown = np.sqrt(np.diag(by @ self._covariance @ by.T))
         deviation: NDArray[np.float64] = np.maximum(self.share * first_guess(moved), unknown)
         return deviation
@@ -105,7 +114,7 @@ class OdometryDeviation:
         self._unseen = self._unseen * (1 - known)
         if self._moved[0] < STRETCH_M and self._moved[2] < STRETCH_RAD:
             return
-        noise = self.over(moved) ** 2 * (1 - known)  # of the newest match
+        noise = self.over(step, moved) ** 2 * (1 - known)  # of the newest match
         self._compare(self._noise + noise)
         self._begin(noise)
 
@@ -116,18 +125,36 @@ class OdometryDeviation:
         off[2] = wrap_angle(off[2])
         guess = first_guess(self._moved)
         share = self.share
-        noise = noise / seen**2 + (share * guess) ** 2 * self._unseen / seen
-        by = _by_systematic(_common(self._odometry, self._matched))
-        systematic = by @ self._covariance @ by.T
-        most = CUT * np.sqrt((share * guess) ** 2 + noise + np.diag(systematic))
+        random = (share * guess) ** 2
+        noise = noise / seen**2 + random * self._unseen / seen
+        most = CUT * np.sqrt(self.over(self._odometry, self._moved) ** 2 + noise)
         error = np.clip(off / seen, -most, most)
+        by = _by_systematic(self._seen_motion(np.sqrt(random + noise)[2]))
+        systematic = by @ self._covariance @ by.T
         variance = (SHARES * guess[:, None]) ** 2 + (noise + np.diag(systematic))[:, None]
         likelihood = -0.5 * (np.log(variance) + error[:, None] ** 2 / variance)
         self._likelihood = (1 - 1 / MEMORY) * self._likelihood + likelihood
-        gain = self._covariance @ by.T @ np.linalg.inv(systematic + np.diag((share * guess) ** 2 + noise))
+        gain = self._covariance @ by.T @ np.linalg.inv(systematic + np.diag(random + noise))
         self.systematic = self.systematic + gain @ error
         remaining = (np.eye(3) - gain @ by) @ self._covariance
         self._covariance = remaining + (SYSTEMATIC - remaining) / MEMORY**2
+
+    def _seen_motion(self, deviation_rad: float) -> NDArray[np.float64]:
+        """Return a stretch's motion, as far as odometry and the matches both show it.
+
+        A turn that differs by no more than noise from the usual curve counts as the usual one. Otherwise, the
+        noise alone would seem to tell an error with each radian from one with each metre.
+
+        Args:
+            deviation_rad: Standard deviation of the difference between the two turns.
+        """
+        way_m = float(np.hypot(*self._odometry[:2]))
+        turn_rad = _common(self._odometry, self._matched)[2]
+        self._usual = (1 - 1 / MEMORY) * self._usual + [way_m, turn_rad]
+        usual = np.array([0.0, 0.0, way_m * self._usual[1] / max(self._usual[0], STRETCH_M)])
+        common = _common(self._odometry - usual, self._matched - usual)
+        common[2] *= abs(common[2]) > UNUSUAL * deviation_rad
+        return usual + common
 
     def interrupt(self) -> None:
         """Begin a new stretch, because the robot was found elsewhere."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.laser.surface_points import SurfacePoints
-from robbie_robots.workers.mapping.correlative_search import Around, ScoreField, SearchWindow, search
+from robbie_robots.workers.mapping.correlative_search import Around, Found, ScoreField, SearchWindow, search
 from robbie_robots.workers.mapping.key_sweeps import KeySweeps
 from robbie_robots.workers.mapping.scan_matcher import Match, ScanMatcher
 from robbie_robots.workers.planar_pose import relative, transform_points, wrap_angle
@@ -30,7 +30,7 @@ MOST_MISSING = 0.1  # share of the map's surfaces around the robot that the swee
 WINDOWS = ((1.5, 0.4, 0.5), (3.0, np.pi, 0.8))  # searched in turn: m, rad, least share of returns on surfaces
 DOUBT_PER_M2 = 0.01
 RIVAL_M, RIVAL_RAD = 0.3, 0.2  # a place this far from the best one is another place
-RIVAL_WORSE = 0.1  # which fits as well if no sweep overlaps, and they do not agree, by more than this less
+RIVAL_WORSE = 0.1  # which fits as well if no sweep agrees by more than this less, though it may overlap less
 LEAST_SCORE = 0.25
 NEAR_M = 6.0  # beyond the window: sweeps from there show its surfaces
 FAMILIAR_M = 50.0  # along the pose graph, within which its drift is no slip
@@ -45,6 +45,7 @@ GAP_REACH = np.array([[0.5, 0.2], [4.0, np.pi]])  # least and most: m, rad
 GAP_OVERLAP = 0.5
 CARRIED_M, CARRIED_RAD = 0.15, 0.1  # motion in a sweep of a robot that begins to be carried
 HARDLY_M, HARDLY_RAD = 0.05, 0.03  # the same if it is carried already
+UNKNOWN = 1e-3  # information of a direction of which nothing is known
 MOST_LOST = 25  # sweeps that fit nowhere; the next one is taken where odometry says
 
 
@@ -54,6 +55,39 @@ class _Undecided:
 
     guess: NDArray[np.float64]
     sweep: LaserSweep
+
+
+@dataclass(frozen=True)
+class _Sought:
+    """What the robot is sought by.
+
+    Attributes:
+        sweep: The newest sweep.
+        guess: Its pose by odometry, map frame.
+        window: The poses to search.
+        least_overlap: Least share of the returns on surfaces.
+        places: Which key sweeps count, `(N,)`.
+        reference: Numbers of those near the robot.
+        hits: Points of the sweep and of the undecided ones before it, in its frame.
+        owner: Number of each point's sweep.
+        field: Where the points may fit.
+        matcher: Matches the points there.
+    """
+
+    sweep: LaserSweep
+    guess: NDArray[np.float64]
+    window: SearchWindow
+    least_overlap: float
+    places: NDArray[np.bool_]
+    reference: list[int]
+    hits: SurfacePoints
+    owner: NDArray[np.int64]
+    field: ScoreField
+    matcher: ScanMatcher
+
+    def best(self, apart_from: Around | None = None) -> Found | None:
+        """Return the pose that fits best, or the best of those elsewhere."""
+        return search(self.field, self.hits.points, self.guess, self.window, LEAST_SCORE, apart_from)
 
 
 class SlipWatch:
@@ -130,11 +164,16 @@ class SlipWatch:
                     sweep, guess, window, overlap, familiar, other, agreement, is_strained
                 )
                 if found is not None and is_only:
-                    has_slipped = bool(self._undecided) or _is_strained(guess, deviation, found)
+                    around = Around(found.pose, RIVAL_M, RIVAL_RAD, _unseen_direction(found))
+                    # Odometry led the match there, too, so it may only be as bad as it is known to be.
+                    most = SLIP_DEVIATIONS if around.holds(match.pose[None])[0] else 1.0
+                    has_slipped = bool(self._undecided) or _is_strained(guess, most * deviation, found)
                     self.noticed += has_slipped
                     self._forget()
                     return found.fused(guess, SLIP_DEVIATION if has_slipped else deviation)
-                if found is not None and self.lost < MOST_LOST:
+                if found is not None:
+                    if self.lost == MOST_LOST:
+                        break
                     self.lost += 1
                     self._undecided.append(_Undecided(guess, sweep))
                     return None
@@ -220,59 +259,99 @@ class SlipWatch:
         Returns:
             The match, if there is one; and whether there is no other place that fits as well.
         """
+        sought = self._sought(sweep, guess, window, least_overlap, places)
+        found = None if sought is None else sought.best()
+        if sought is None or found is None:
+            return None, False
+        match = sought.matcher.refine(sought.hits, found.pose)
+        agrees = self._agreement(match, sought.hits, sought.reference)
+        if agrees < LEAST_AGREEMENT or not self._is_plausible(match, sought):
+            return None, False
+        # Another spot along a bare corridor is no other place: odometry says how far along it the robot is.
+        around = Around(match.pose, RIVAL_M, RIVAL_RAD, _unseen_direction(match))
+        is_suspect = is_strained or agreement < SUSPECT
+        if other is not None and not self._is_better(
+            match, agrees, other, sought, around, is_suspect, is_strained
+        ):
+            return match if is_strained else None, False
+        rival = self._rival(found, match, sought, around)
+        is_only = rival is None or self.lost == MOST_LOST
+        if is_only and self._undecided:
+            match = sought.matcher.refine(sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS), match.pose)
+        return match if rival is None else _undecided(match, rival), is_only
+
+    def _sought(
+        self,
+        sweep: LaserSweep,
+        guess: NDArray[np.float64],
+        window: SearchWindow,
+        least_overlap: float,
+        places: NDArray[np.bool_],
+    ) -> "_Sought | None":
+        """Return what the robot is sought by, or None if nothing that lasts is known there."""
         apart = np.hypot(*(self._keys.poses - guess)[:, :2].T)
         near = np.flatnonzero(places & (apart < NEAR_M + window.distance_m))[::-1]
         reference = self._keys.spaced(near, MOST_SWEEPS)
         if not reference:
-            return None, False
-        hits, owner = self._together(sweep, guess)
-        surfaces = self._keys.lasting_surfaces(reference)
+            return None
+        # A robot among trunks is found by them, because several sweeps saw them; people were elsewhere.
+        surfaces = self._keys.lasting_surfaces(reference, but_all_if_few=False)
+        if not len(surfaces):
+            return None
         field = ScoreField(surfaces.points, RESOLUTION_M, BLUR_M, window.distance_m)
-        found = search(field, hits.points, guess, window, LEAST_SCORE)
-        if found is None:
-            return None, False
-        matcher = ScanMatcher(surfaces)
-        match = matcher.refine(hits, found.pose)
-        agrees = self._agreement(match, hits, reference)
-        if agrees < LEAST_AGREEMENT or not self._is_plausible(match, sweep, places, least_overlap):
-            return None, False
-        overlap = match.on_surface.mean()
-        around = Around(match.pose, RIVAL_M, RIVAL_RAD)
-        if other is not None:
-            refined = matcher.refine(hits, other.pose)
-            is_same = bool(around.holds(refined.pose[None])[0])
-            is_suspect = is_strained or agreement < SUSPECT
-            # If it converges to the place found, the fit at its own pose counts.
-            other = matcher.fit(hits, other.pose) if is_same else refined
-            agreement = self._agreement(other, hits, reference)
-            better = overlap - other.on_surface.mean()
-            # Where most returns lie on surfaces, the others may be people where the map is free.
-            if other.on_surface.mean() < DOUBTFUL:
-                better = max(better, agrees - agreement)
-            # Of a place that hardly overlaps the map, agreement says little: it is a share of few returns.
-            agrees_less = other.on_surface.mean() >= CONVINCING and agrees < agreement
-            is_better = not agrees_less and better >= (CLEARLY_BETTER if is_suspect else FAR_BETTER)
-            if is_better and not is_strained:
-                # New space and people also hide the map. After a slip, the sweep looks through its walls.
-                missing = self._missing(other, sweep, places) - self._missing(match, sweep, places)
-                is_better = missing >= CLEARLY_BETTER
-            if not is_better:
-                return (match, False) if is_strained and not is_same else (None, False)
-        best = Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD)
-        least = max(LEAST_SCORE, found.score - 2 * RIVAL_WORSE)
-        second = search(field, hits.points, guess, window, least, best)
-        if second is not None:
-            rival = matcher.refine(hits, second.pose)
-            if (
-                not around.holds(rival.pose[None])[0]
-                and (_shares(rival, owner) >= _shares(match, owner) - RIVAL_WORSE).all()
-                and self._agreement(rival, hits, reference) >= agrees - RIVAL_WORSE
-                and self._is_plausible(rival, sweep, places, least_overlap)
-            ):
-                return match, False
-        if self._undecided:
-            match = matcher.refine(sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS), match.pose)
-        return match, True
+        together = self._together(sweep, guess)
+        return _Sought(
+            sweep, guess, window, least_overlap, places, reference, *together, field, ScanMatcher(surfaces)
+        )
+
+    def _is_better(
+        self,
+        match: Match,
+        agrees: float,
+        other: Match,
+        sought: "_Sought",
+        around: Around,
+        is_suspect: bool,
+        is_strained: bool,
+    ) -> bool:
+        """Return whether a match, with all `around` it, is clearly better than that near odometry's pose."""
+        refined = sought.matcher.refine(sought.hits, other.pose)
+        is_same = bool(around.holds(refined.pose[None])[0])
+        if is_same and is_strained:
+            return True  # only odometry speaks against it
+        # If it converges to the place found, the fit at its own pose counts.
+        other = sought.matcher.fit(sought.hits, other.pose) if is_same else refined
+        agreement = self._agreement(other, sought.hits, sought.reference)
+        better = match.on_surface.mean() - other.on_surface.mean()
+        # Where most returns lie on surfaces, the others may be people where the map is free.
+        if other.on_surface.mean() < DOUBTFUL:
+            better = max(better, agrees - agreement)
+        # Of a place that hardly overlaps the map, agreement says little: it is a share of few returns.
+        agrees_less = other.on_surface.mean() >= CONVINCING and agrees < agreement
+        is_better = not agrees_less and better >= (CLEARLY_BETTER if is_suspect else FAR_BETTER)
+        if is_strained or not is_better:
+            return bool(is_better)
+        # New space and people also hide the map. After a slip, the sweep looks through its walls.
+        return self._missing(other, sought) - self._missing(match, sought) >= CLEARLY_BETTER
+
+    def _rival(self, found: Found, match: Match, sought: "_Sought", around: Around) -> Match | None:
+        """Return whether another place than those `around` a match fits as well.
+
+        Along a bare corridor, odometry decides; where the sweep does not fit there, nothing is decided yet.
+        """
+        hits, matcher = sought.hits, sought.matcher
+        if around.along is not None:
+            there = matcher.fit(hits, match.fused(sought.guess, SLIP_DEVIATION).pose)
+            if there.on_surface.mean() < match.on_surface.mean() - RIVAL_WORSE:
+                return there
+        second = sought.best(Around(found.pose, RIVAL_M + RESOLUTION_M, RIVAL_RAD, around.along))
+        rival = None if second is None else matcher.refine(hits, second.pose)
+        if rival is None or around.holds(rival.pose[None])[0]:
+            return None
+        agreements = self._agreements(match, hits, sought.reference, sought.owner)
+        rivals = self._agreements(rival, hits, sought.reference, sought.owner)
+        is_one = bool((rivals >= agreements - RIVAL_WORSE).all()) and self._is_plausible(rival, sought)
+        return rival if is_one else None
 
     def _together(
         self, sweep: LaserSweep, guess: NDArray[np.float64]
@@ -288,17 +367,15 @@ class SlipWatch:
         joined = SurfacePoints.joined(every)
         return SurfacePoints(joined.points[::step], joined.normals[::step]), owner[::step]
 
-    def _is_plausible(
-        self, found: Match, sweep: LaserSweep, places: NDArray[np.bool_], least_overlap: float
-    ) -> bool:
+    def _is_plausible(self, found: Match, sought: "_Sought") -> bool:
         """Return whether enough returns lie on surfaces, and the sweep did not look through others."""
-        if found.on_surface.mean() < least_overlap:
+        if found.on_surface.mean() < sought.least_overlap:
             return False
-        return bool(sweep.looked_through(self._around(found, places)).mean() <= MOST_MISSING)
+        return bool(sought.sweep.looked_through(self._around(found, sought.places)).mean() <= MOST_MISSING)
 
-    def _missing(self, match: Match, sweep: LaserSweep, places: NDArray[np.bool_]) -> float:
+    def _missing(self, match: Match, sought: "_Sought") -> float:
         """Return the share of the map's surfaces in the sweep's view that it looked through."""
-        surfaces = self._around(match, places)
+        surfaces, sweep = self._around(match, sought.places), sought.sweep
         beams = sweep.beams_at(np.arctan2(surfaces[:, 1], surfaces[:, 0]))
         near = (beams < len(sweep)) & (np.hypot(*surfaces.T) < NEAR_M)
         return float(sweep.looked_through(surfaces[near]).mean()) if near.any() else 0.0
@@ -314,13 +391,20 @@ class SlipWatch:
         """Return the share of the returns in space seen before that lie on the surfaces seen there."""
         if match.on_surface.mean() >= SUSPECT:
             return float(match.on_surface.mean())  # at least
+        return float(self._agreements(match, hits, reference, np.zeros(len(hits), np.int64))[0])
+
+    def _agreements(
+        self, match: Match, hits: SurfacePoints, reference: list[int], owner: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return the same for the points of each sweep: `(owners,)`."""
         places = transform_points(match.pose, hits.points)
         through = np.zeros(len(places), dtype=bool)
         for number in reference:
             seen_from = relative(self._keys.poses[number], np.zeros(3))
             through |= self._keys.sweeps[number].looked_through(transform_points(seen_from, places))
-        both_saw = int((match.on_surface | through).sum())
-        return int(match.on_surface.sum()) / both_saw if both_saw else 1.0
+        both_saw = np.bincount(owner, match.on_surface | through)
+        agreeing = np.bincount(owner, match.on_surface)
+        return np.divide(agreeing, both_saw, out=np.ones(len(both_saw)), where=both_saw > 0)
 
 
 def _is_wide(sweep: LaserSweep) -> NDArray[np.bool_]:
@@ -328,10 +412,23 @@ def _is_wide(sweep: LaserSweep) -> NDArray[np.bool_]:
     return sweep.is_wide[:: -(-len(sweep.hits) // MOST_POINTS)]
 
 
-def _shares(match: Match, owner: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the share of each sweep's points that lie on surfaces."""
-    shares: NDArray[np.float64] = np.bincount(owner, match.on_surface) / np.maximum(np.bincount(owner), 1)
-    return shares
+def _unseen_direction(match: Match) -> NDArray[np.float64] | None:
+    """Return the direction `(2,)` in which a match by the sweep alone knows less than odometry after a slip.
+
+    None if there is none, or if the match knows no direction better.
+    """
+    covariance = np.linalg.inv(match.information + UNKNOWN * np.eye(3))
+    variances, directions = np.linalg.eigh(covariance[:2, :2])
+    along: NDArray[np.float64] = directions[:, 1]
+    return along if variances[0] < SLIP_DEVIATION[0] ** 2 <= variances[1] else None
+
+
+def _undecided(match: Match, rival: Match) -> Match:
+    """Return a match that does not tell its pose from that of its rival."""
+    off = rival.pose - match.pose
+    off[2] = wrap_angle(off[2])
+    covariance = np.linalg.inv(match.information + UNKNOWN * np.eye(3)) + np.outer(off, off)
+    return replace(match, information=np.asarray(np.linalg.inv(covariance), np.float64))
 
 
 def _is_strained(guess: NDArray[np.float64], deviation: NDArray[np.float64], match: Match) -> bool:

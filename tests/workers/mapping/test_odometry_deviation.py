@@ -65,6 +65,37 @@ def test_noise_of_straight_way_is_no_systematic_error_of_turns() -> None:
     assert abs(noise.systematic[2]) < 0.03
 
 
+def in_arcs(turns: NDArray[np.float64], per_rad: float = 0.0) -> OdometryDeviation:
+    """Odometry that errs by a share of each turn, and matches that are off by 4 mm and 4 mrad."""
+    noise, random, before = OdometryDeviation(), np.random.default_rng(0), np.zeros(3)
+    for turn in turns:
+        after = 0.004 * random.standard_normal(3) * [1, 0, 1]
+        step = np.array([STEP[0], 0.0, turn])
+        matched = step * [1, 1, 1 + per_rad] + after - before
+        noise.learn(step, matched, np.abs(step), np.full(3, 0.98))
+        before = after
+    return noise
+
+
+def test_arcs_to_one_side_show_no_error_that_is_not_there() -> None:
+    """The turns' noise alone seemed to tell an error with each rad from one with each metre."""
+    noise = in_arcs(np.full(600, 0.2))
+    assert np.abs(noise.systematic) == pytest.approx([0, 0, 0], abs=0.02)
+
+
+def test_left_arcs_teach_little_of_right_ones() -> None:
+    noise = in_arcs(np.full(600, 0.2))
+    left, right = (noise.over([0.5, 0.0, turn], [0.5, 0.0, 0.2])[2] for turn in (0.2, -0.2))
+    assert left < 0.006
+    assert right > 0.02
+
+
+def test_turns_to_both_sides_show_how_much_each_rad_is_off() -> None:
+    noise = in_arcs(0.2 * np.sign(np.sin(np.arange(600) / 10)), per_rad=0.05)
+    assert noise.systematic == pytest.approx([0, 0, 0.05], abs=0.01)
+    assert noise.over([0.5, 0.0, -0.2])[2] < 0.006
+
+
 def test_noise_is_bounded_and_one_wrong_match_changes_little() -> None:
     assert driven(50.0, KNOWN).share.max() <= 1.5
     noise = driven(0.005, KNOWN)

@@ -1,0 +1,190 @@
+"""Where places look alike, or hardly show anything, mapping is not sure of a wrong one."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+
+from robbie_robots.workers.laser.laser_sweep import LaserSweep
+from robbie_robots.workers.mapping.grid_mapper import FEWEST_HITS, NOWHERE, GridMapper
+from robbie_robots.workers.mapping.key_sweeps import KeySweeps
+from robbie_robots.workers.mapping.loop_closing import LoopCloser
+from robbie_robots.workers.mapping.slip_watch import SlipWatch
+from robbie_robots.workers.planar_pose import compose, relative
+
+Array = NDArray[np.float64]
+BEARINGS = np.radians(np.arange(-90.0, 91.0))
+RANGE_M, NOISE_M = 8.0, 0.01
+BEGIN = np.array([-6.0, 0.0, 0.0])
+STEP_M, STEP_S = 0.1, 0.2
+NO_TRUNKS = np.zeros((0, 2))
+NO_SLIP = (0.0, 0.0, 0.0)
+TRUNK_M = 0.15  # radius; that of a person, too
+
+
+def walls(*lines: list[tuple[float, float]]) -> Array:
+    return np.array([[*one, *other] for line in lines for one, other in pairwise(line)], float)
+
+
+def corridor(niches_every_m: float = 0.0) -> Array:
+    """A corridor along x, 2 m wide, perhaps with equal niches in its left wall."""
+    left = [(-30.0, 1.0)]
+    for x in np.arange(-30.0, 30.0, niches_every_m) if niches_every_m else []:
+        width = niches_every_m / 2
+        left += [(x, 1.0), (x, 1.5), (x + width, 1.5), (x + width, 1.0)]
+    return walls([*left, (30.0, 1.0), (30.0, -1.0), (-30.0, -1.0), (-30.0, 1.0)])
+
+
+def swept(pose: Array, segments: Array, trunks: Array, range_m: float = RANGE_M) -> LaserSweep:
+    ray = np.column_stack([np.cos(BEARINGS + pose[2]), np.sin(BEARINGS + pose[2])])[:, None]
+    begin, along = segments[:, :2] - pose[:2], segments[:, 2:] - segments[:, :2]
+    to_trunk = trunks - pose[:2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = ray[..., 0] * along[:, 1] - ray[..., 1] * along[:, 0]
+        to_wall_m = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / across
+        share = (begin[:, 0] * ray[..., 1] - begin[:, 1] * ray[..., 0]) / across
+        ahead, aside = ray[:, 0] @ to_trunk.T, ray[:, 0] @ (to_trunk @ [[0.0, -1.0], [1.0, 0.0]]).T
+        to_bark_m = ahead - np.sqrt(TRUNK_M**2 - aside**2)
+    hits_wall = (to_wall_m > 0) & (share >= 0) & (share <= 1)
+    hits_trunk = (np.abs(aside) < TRUNK_M) & (ahead > 0)
+    every = [np.where(hits_wall, to_wall_m, np.inf), np.where(hits_trunk, to_bark_m, np.inf)]
+    ranges = np.concatenate([*every, np.full((len(BEARINGS), 1), np.inf)], axis=1).min(axis=1)
+    ranges += NOISE_M * np.random.default_rng(round(1e3 * abs(pose[0]))).standard_normal(len(BEARINGS))
+    return LaserSweep.from_ranges(ranges, BEARINGS[0], BEARINGS[1] - BEARINGS[0], 0.05, range_m)
+
+
+class StraightDrive:
+    """A robot that drives straight on, with good odometry but for one slip after 8 m.
+
+    Attributes:
+        errors: After each sweep from the slip on, `(N, 3)`: how far off the pose is (m, m, rad).
+        deviations: What the mapper says of that: standard deviations, `(N, 3)`.
+        is_certain: What it says of the pose, `(N,)`.
+        mapper: The mapper.
+    """
+
+    def __init__(
+        self,
+        segments: Array,
+        slip: ArrayLike = NO_SLIP,
+        trunks: Array = NO_TRUNKS,
+        way_m: float = 10.0,
+        segments_after: Array | None = None,
+        range_m: float = RANGE_M,
+    ) -> None:
+        self.mapper, odometry = GridMapper(max_range_m=range_m), NOWHERE
+        random = np.random.default_rng(0)
+        errors, deviations, certain = [], [], []
+        for number in range(round(way_m / STEP_M)):
+            true = compose(BEGIN, [number * STEP_M, 0.0, 0.0])
+            noise = 0.002 * random.standard_normal(3) * [1.0, 0.3, 0.5]
+            odometry = compose(compose(odometry, [STEP_M if number else 0.0, 0.0, 0.0]), noise)
+            has_slipped = number >= round(8.0 / STEP_M)
+            if number == round(8.0 / STEP_M):
+                odometry = compose(odometry, slip)
+            self.mapper.add_odometry(STEP_S * number, odometry)
+            seen = segments if segments_after is None or not has_slipped else segments_after
+            self.mapper.add_scan(STEP_S * number, swept(true, seen, trunks, range_m))
+            if has_slipped:
+                errors.append(relative(true, compose(BEGIN, self.mapper.pose)))
+                deviations.append(np.sqrt(np.diag(self.mapper.certainty().covariance)))
+                certain.append(self.mapper.is_certain)
+        self.errors, self.deviations, self.is_certain = map(np.array, (errors, deviations, certain))
+
+    def wrong_and_sure(self) -> NDArray[np.bool_]:
+        """Return at which sweeps the mapper was sure of a pose that is far off `(N,)`."""
+        wrong = np.abs(self.errors) > np.maximum(3 * self.deviations, [0.2, 0.2, 0.1])
+        return np.asarray(self.is_certain & wrong.any(axis=1))
+
+
+@pytest.mark.parametrize("slip", [(1.0, 0.0, 0.17), (-1.0, 0.0, 0.17), (0.7, 0.7, 0.17), (0.0, 0.6, 0.17)])
+def test_slip_in_a_bare_corridor_is_undone_but_for_doubt_along_it(slip: tuple[float, float, float]) -> None:
+    """The heading was 0.1 rad off, or the pose a metre along the corridor, and certain."""
+    drive = StraightDrive(corridor(), slip)
+    assert drive.mapper.slips_noticed == 1
+    assert drive.is_certain[-1]
+    assert np.abs(drive.errors[-1, 1:]).max() < 0.05
+    assert (drive.deviations[drive.is_certain, 0] > 0.9).all()
+    assert not drive.wrong_and_sure().any()
+
+
+@pytest.mark.parametrize(("every_m", "slip"), [(1.6, (-0.8, 0.3, 0.17)), (1.0, (0.5, 0.6, 0.0))])
+def test_mapping_is_not_sure_of_the_wrong_one_of_two_equal_niches(
+    every_m: float, slip: tuple[float, float, float]
+) -> None:
+    """The right place overlaps less, because the map ends beyond it, so it was no longer a rival."""
+    drive = StraightDrive(corridor(every_m), slip, way_m=11.0)
+    assert not drive.is_certain[0]
+    assert not drive.wrong_and_sure().any()
+
+
+def test_slip_beside_a_niche_that_tells_one_place_from_others_is_undone() -> None:
+    """The control of the one above."""
+    one_niche = walls([(-30, 1), (4, 1), (4, 1.5), (5, 1.5), (5, 1), (30, 1)], [(-30, -1), (30, -1)])
+    drive = StraightDrive(one_niche, (0.7, 0.7, 0.17))
+    assert np.abs(drive.errors[-1]).max() < 0.1
+    assert drive.deviations[-1, 0] < 0.5
+
+
+@pytest.mark.parametrize("before_m", [0.6, 1.2, 2.5])
+def test_flat_side_of_a_lorry_is_not_taken_for_the_gate_behind_it(before_m: float) -> None:
+    """It hides the gate. To judge only where a scan fits best moves the robot by as much."""
+    gate = walls([(8.0, -9.0), (8.0, 9.0)], [(-9.0, 4.0), (-8.0, 4.0)])
+    lorry = walls([(8.0 - before_m, -7.0), (8.0 - before_m, 7.0)])
+    drive = StraightDrive(gate, segments_after=np.concatenate([gate, lorry]), range_m=20.0)
+    assert not drive.wrong_and_sure().any()
+
+
+def wood(random: np.random.Generator) -> Array:
+    trunks = random.uniform([-12.0, -8.0], [14.0, 8.0], (120, 2))
+    return trunks[np.abs(trunks[:, 1]) > 0.6]
+
+
+@pytest.mark.parametrize("slip", [(0.7, 0.7, 0.17), (-0.6, 0.8, -0.17)])
+def test_slip_in_a_wood_is_undone(slip: tuple[float, float, float]) -> None:
+    """The control of the one below: trunks are as narrow as people, but stay."""
+    drive = StraightDrive(np.zeros((0, 4)), slip, wood(np.random.default_rng(0)))
+    assert drive.mapper.slips_noticed == 1
+    assert drive.is_certain[-1]
+    assert np.abs(drive.errors[-1]).max() < 0.1
+
+
+def test_robot_is_not_found_by_people_after_a_gap() -> None:
+    """A few scans of a crowd fitted others 1.3 m off, and bent a map of good odometry."""
+    keys, no_walls = KeySweeps(), np.zeros((0, 4))
+    keys.add(swept(NOWHERE, no_walls, np.array([(1.5, 0.6), (1.2, -0.8), (2.0, 0.0)])), NOWHERE)
+    walked_on = swept(NOWHERE, no_walls, np.array([(1.9, 1.0), (1.6, -0.4), (2.4, 0.4)]))
+    assert len(walked_on.hits) > FEWEST_HITS
+    assert SlipWatch(keys).bridged(walked_on, NOWHERE, np.array([0.5, 0.5, 0.2])) is None
+
+
+@pytest.mark.parametrize(("width_m", "depth_m"), [(0.8, 0.3), (1.2, 0.5)])
+def test_drift_is_not_confirmed_where_there_are_few_marks(width_m: float, depth_m: float) -> None:
+    """The control of a rule for loops that slide along a bare corridor: keep the map if it fits as well.
+
+    The second time, the robot is 0.4 m farther along than the map says, and the graph is sure that it is not.
+    """
+    left = [(-30.0, 1.0)]
+    for x in np.arange(-25.0, 30.0, 10.0):
+        left += [(x, 1.0), (x, 1 + depth_m), (x + width_m, 1 + depth_m), (x + width_m, 1.0)]
+    segments, keys = walls([*left, (30.0, 1.0)], [(-30.0, -1.0), (30.0, -1.0)]), KeySweeps()
+    closer, true = LoopCloser(keys), []
+    for drift_m in (0.0, 0.4):
+        for x in np.arange(-6.0, 8.0, 0.5):
+            true.append(np.array([x, 0.0, 0.0]))
+            pose = true[-1] + [drift_m, 0, 0]
+            if len(keys):
+                pose = compose(keys.poses[-1], relative(true[-2], true[-1])) if x > -6 else pose
+            key = keys.add(swept(true[-1], segments, NO_TRUNKS), pose)
+            if key:
+                step = relative(keys.poses[key - 1], keys.poses[key])
+                keys.graph.add_edge(key - 1, key, step, np.diag([2500.0, 2500.0, 40000.0]))
+            closer.look()
+    state = keys.graph.state()
+    loops = np.asarray(state["closes_loop"], bool)
+    assert loops.sum() > 10
+    there = np.array(true)[state["ends"][loops]]
+    off_m = (relative(there[:, 0], there[:, 1]) - state["measured"][loops])[:, 0]
+    known = np.linalg.inv(state["information"][loops] + 1e-3 * np.eye(3))[:, 0, 0]
+    assert (np.abs(off_m) < 3 * np.sqrt(known)).all()
