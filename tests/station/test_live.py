@@ -15,7 +15,15 @@ from engineio.async_socket import AsyncSocket
 
 from robbie_mp.station.live import LiveParts
 from robbie_mp.station.live.network import NetworkCost, PageNetwork
-from robbie_mp.station.live.parts import PACKET_BYTES, PACKETS_AHEAD, SENT, SMALL_BYTES, Follower, way_of
+from robbie_mp.station.live.parts import (
+    PACKET_BYTES,
+    PACKETS_AHEAD,
+    SENT,
+    SMALL_BYTES,
+    USED_SHARE,
+    Follower,
+    way_of,
+)
 from robbie_mp.station.live.server import serve
 from robbie_mp.station.page.build import MAX_WAITING_PACKETS, NAMESPACE, BrowserLink
 from robbie_mp.station.web.listening import listen
@@ -101,6 +109,37 @@ def test_packets_are_bounded_with_small_parts_first_and_large_ones_in_turn() -> 
             seen |= parts.keys()
         assert len(seen) == 51
         assert follower.packet() is None
+
+    asyncio.run(run())
+
+
+def test_packet_is_small_while_pictures_find_the_network_slow() -> None:
+    async def run() -> None:
+        live, network = LiveParts(), PageNetwork()
+        network.costs.add(slow := NetworkCost())
+        slow.add(PACKET_BYTES, 60.0)
+        live.put("view", {f"tile/{number}": LARGE for number in range(50)})
+        follower = Follower(live, frozenset({"view"}), network)
+        follower._cost.add(PACKET_BYTES, 0.0)
+        assert len(unpacked(follower.packet())) == 1
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("share", [1.0, 0.25])
+def test_packets_leave_most_of_the_network_to_others(share: float) -> None:
+    async def run() -> None:
+        live, network, cost_s = LiveParts(), PageNetwork(), 0.01
+        network.costs.add(known := NetworkCost())
+        known.add(len(LARGE), cost_s)
+        network.share = share
+        follower = Follower(live, frozenset({"view"}), network)
+        begin_s = asyncio.get_running_loop().time()
+        for number in range(2):
+            live.put("view", {"tile": LARGE + bytes([number])})
+            await follower.next()
+            follower.hear("{}")
+        assert asyncio.get_running_loop().time() - begin_s > cost_s / (USED_SHARE * share)
 
     asyncio.run(run())
 

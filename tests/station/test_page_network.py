@@ -13,7 +13,7 @@ import pytest
 from robbie_mp.messages import Image
 from robbie_mp.station.live import network
 from robbie_mp.station.live.h264 import VideoStreams
-from robbie_mp.station.live.network import LEAST_SHARE, OLD_S, UNDER_WAY_S, NetworkCost, PageNetwork
+from robbie_mp.station.live.network import GAPS_S, LEAST_SHARE, OLD_S, UNDER_WAY_S, NetworkCost, PageNetwork
 from robbie_mp.station.live.parts import Follower, LiveParts
 from robbie_mp.station.live.server import MAX_GROUPS, Follows, with_live
 from robbie_mp.station.live.video import VideoFollower
@@ -73,6 +73,9 @@ def test_ping_that_had_to_wait_once_in_a_while_is_no_slow_network(monkeypatch: p
         scene.now_s += 0.2
         scene.ping()
     assert page.share < 0.5
+    before = page.share
+    scene.pong(SimpleNamespace(args={"number": 0, "page_s": 0.0}))  # which nobody asked for
+    assert page.share == before
 
 
 def test_way_that_has_become_longer_counts_as_such_after_a_while() -> None:
@@ -213,6 +216,22 @@ def test_pictures_and_map_do_not_starve_each_other(mbit_per_s: float, trip_s: fl
     asyncio.run(run())
 
 
+def connection(
+    path: str, live: LiveParts, pages: dict[str, Any], session: str = "anna's", asked: bytes = b"page=anna"
+) -> tuple[Any, Any, Any]:
+    """Open a connection; return what the page tells, what it gets, and the task that serves it."""
+    told: asyncio.Queue[Any] = asyncio.Queue()
+    got: asyncio.Queue[Any] = asyncio.Queue()
+
+    async def refuse(*_: Any) -> None:
+        got.put_nowait({"type": "refused"})
+
+    told.put_nowait({"type": "websocket.connect"})
+    app = with_live(refuse, live, dict, VideoStreams(Mock()), pages)
+    scope = {"type": "websocket", "path": path, "query_string": asked, SESSION: session}
+    return told, got, asyncio.ensure_future(app(scope, told.get, got.put))
+
+
 @pytest.mark.parametrize(
     ("session", "asked", "is_own"),
     [
@@ -226,19 +245,10 @@ def test_connections_of_one_page_share_its_network(session: str, asked: bytes, i
     async def run() -> None:
         live = LiveParts()
         page = SimpleNamespace(session="anna's", network=PageNetwork())
-
-        async def refuse(*_: Any) -> None:
-            raise AssertionError
-
-        app = with_live(refuse, live, dict, VideoStreams(Mock()), {"anna": page})
-        told: asyncio.Queue[Any] = asyncio.Queue()
-        sent: asyncio.Queue[Any] = asyncio.Queue()
-        told.put_nowait({"type": "websocket.connect"})
-        scope = {"type": "websocket", "path": "/live/map", "query_string": asked, SESSION: session}
-        serving = asyncio.ensure_future(app(scope, told.get, sent.put))
-        await sent.get()
+        told, got, serving = connection("/live/map", live, {"anna": page}, session, asked)
+        await got.get()
         live.put("map", {"place": b"here"})
-        assert (await sent.get())["type"] == "websocket.send"
+        assert (await got.get())["type"] == "websocket.send"
         page.network.costs.add(slow := NetworkCost())
         slow.add(SMALL, 10.0)
         assert await is_turn(page.network, SMALL) is not is_own
@@ -248,20 +258,6 @@ def test_connections_of_one_page_share_its_network(session: str, asked: bytes, i
         assert [*page.network.costs] == [slow]
 
     asyncio.run(run())
-
-
-def connection(path: str, live: LiveParts, pages: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """Open a connection; return what the page tells, what it gets, and the task that serves it."""
-    told: asyncio.Queue[Any] = asyncio.Queue()
-    got: asyncio.Queue[Any] = asyncio.Queue()
-
-    async def refuse(*_: Any) -> None:
-        got.put_nowait({"type": "refused"})
-
-    told.put_nowait({"type": "websocket.connect"})
-    app = with_live(refuse, live, dict, VideoStreams(Mock()), pages)
-    scope = {"type": "websocket", "path": path, "query_string": b"page=anna", SESSION: "anna's"}
-    return told, got, asyncio.ensure_future(app(scope, told.get, got.put))
 
 
 @pytest.mark.parametrize("groups", ["map", "video"])
@@ -327,5 +323,8 @@ def test_picture_right_after_another_tells_what_a_byte_costs(monkeypatch: pytest
                 page.came(one, way_s)
                 cost.add(one.size, way_s)
         assert cost.of(1.0) == pytest.approx(s_per_byte)
+        clock.now_s += 2 * GAPS_S
+        page.came(page.went(await page.turn(0), 4000), 0.0)
+        assert cost.least_s_per_byte == 0.0, "the network may have changed meanwhile"
 
     asyncio.run(run())

@@ -10,20 +10,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from robbie_mp.messages import CompressedImage, Image
 from robbie_mp.station.live.h264 import VideoStreams
-from robbie_mp.station.live.network import NetworkCost, PageNetwork
+from robbie_mp.station.live.network import UNKNOWN_S_PER_BYTE, NetworkCost, PageNetwork
 from robbie_mp.station.live.video import (
     COST_LIMIT_S,
     GRADES,
+    LONGEST_WAIT_S,
     MAX_AHEAD,
     MAX_WANTED,
+    SLOW_BYTES,
+    SLOW_SHARE,
+    TOO_LARGE,
     VideoFollower,
     WantedVideo,
 )
 from robbie_mp.station.watch.latest import Latest
-from robbie_mp.station.watch.pictures import NewestPicture
+from robbie_mp.station.watch.pictures import Grade, GradedPicture, NewestPicture
 
 BIT_PER_BYTE = 8.0
 AT_ONCE_BYTES = 3000
@@ -177,9 +182,71 @@ def test_ill_formed_words_of_a_page_do_no_harm(said: str) -> None:
     run(steps())
 
 
-def test_dark_scene_that_turns_bright_does_not_fill_a_slow_network() -> None:
+NOISE = np.random.default_rng(1).integers(0, 256, (480, 640), np.uint8)
+
+
+def put(camera: Camera, pixels: NDArray[np.uint8]) -> None:
+    camera.latest.put(Image(height=480, width=640, encoding="mono8", step=640, data=pixels.ravel()))
+
+
+def test_first_picture_is_small_because_the_network_may_be_slow() -> None:
+    async def steps() -> None:
+        camera = Camera()
+        follower = follower_of(camera.picture)
+        follower.hear('{"want": {"eye": 640}}')
+        put(camera, NOISE)
+        packet = await follower.next()
+        assert packet is not None
+        assert len(packet) < 1.1 * TOO_LARGE * COST_LIMIT_S / UNKNOWN_S_PER_BYTE
+
+    run(steps())
+
+
+def test_picture_is_under_way_with_its_own_size_until_it_comes_or_the_page_goes() -> None:
+    async def steps() -> None:
+        camera, network = Camera(), PageNetwork()
+        follower = VideoFollower(lambda: {"eye": camera.picture}, VideoStreams(LOG), network)
+        follower.hear('{"want": {"eye": 640}}')
+        put(camera, 0 * NOISE)  # far smaller than a usual picture
+        packet = await follower.next()
+        assert packet is not None
+        (sent,) = network._under_way
+        assert 0.5 * len(packet) < sent.size < len(packet)
+        follower.go()
+        assert network._under_way == []
+
+    run(steps())
+
+
+def test_pictures_leave_most_of_a_slow_network_to_others() -> None:
+    async def steps() -> None:
+        camera = Camera()
+        follower = follower_of(camera.picture)
+        follower._cost.add(SLOW_BYTES, 2 * COST_LIMIT_S)
+        follower.hear('{"want": {"eye": 640}}')
+        put(camera, NOISE)
+        begin_s, packet = time.monotonic(), await follower.next()
+        assert packet is not None
+        follower.hear("{}")
+        put(camera, NOISE)
+        await follower.next()
+        cost_s = follower._cost.of(0.9 * len(packet))  # the rest is its head
+        assert cost_s is not None
+        assert time.monotonic() - begin_s > min(LONGEST_WAIT_S, cost_s / SLOW_SHARE)
+
+    run(steps())
+
+
+def test_dark_scene_that_turns_bright_does_not_fill_a_slow_network(monkeypatch: pytest.MonkeyPatch) -> None:
     async def steps() -> None:
         camera, loop = Camera(), asyncio.get_running_loop()
+        encode, encoded = camera.picture.encoded, []
+
+        def count(grade: Grade) -> GradedPicture:
+            encoded.append(grade)
+            return encode(grade)
+
+        monkeypatch.setattr(camera.picture, "encoded", count)
         follower = follower_of(camera.picture)
         follower.hear('{"want": {"eye": 640}}')
         byte_per_s, free_s, waits_s = 0.3e6 / BIT_PER_BYTE, 0.0, []
@@ -194,13 +261,13 @@ def test_dark_scene_that_turns_bright_does_not_fill_a_slow_network() -> None:
                 loop.call_later(waits_s[-1], follower.hear, said)
 
         page = asyncio.ensure_future(show())
-        noise = np.random.default_rng(1).integers(0, 256, (480, 640), np.uint8)
-        for pixels in 15 * [0 * noise] + 10 * [noise]:
-            camera.latest.put(Image(height=480, width=640, encoding="mono8", step=640, data=pixels.ravel()))
+        for pixels in 15 * [0 * NOISE] + 10 * [NOISE]:
+            put(camera, pixels)
             await asyncio.sleep(0.1)
         follower.go()
         await page
         assert len(waits_s) > 10
         assert max(waits_s) < 0.7, waits_s
+        assert len(encoded) < len(waits_s) + 4, "only the first bright ones are encoded again"
 
     run(steps())

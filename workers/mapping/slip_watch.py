@@ -278,7 +278,7 @@ class SlipWatch:
         is_only = rival is None or self.lost == MOST_LOST
         if is_only and self._undecided:
             match = sought.matcher.refine(sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS), match.pose)
-        return match if rival is None else _undecided(match, rival), is_only
+        return match if rival is None else _doubting(match, rival), is_only
 
     def _sought(
         self,
@@ -423,7 +423,7 @@ def _unseen_direction(match: Match) -> NDArray[np.float64] | None:
     return along if variances[0] < SLIP_DEVIATION[0] ** 2 <= variances[1] else None
 
 
-def _undecided(match: Match, rival: Match) -> Match:
+def _doubting(match: Match, rival: Match) -> Match:
     """Return a match that does not tell its pose from that of its rival."""
     off = rival.pose - match.pose
     off[2] = wrap_angle(off[2])

@@ -189,6 +189,12 @@ def unpack(header: bytes) -> Packet | None:
     return None
 
 
+def other_version(header: bytes) -> int:
+    """Return the version of the link that packed a header; 0: it is ours, or no link packed it."""
+    version = header[len(MAGIC)] if len(header) > len(_BEGIN) and header.startswith(MAGIC) else VERSION
+    return 0 if version == VERSION else version
+
+
 class _Malformed(Exception):
     """The bytes are no header."""
 

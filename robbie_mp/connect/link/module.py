@@ -23,7 +23,7 @@ from robbie_mp.connect.link.access import AccessError, LinkAccess, read_rules
 from robbie_mp.connect.link.counts import ExchangeCounts, LinkCounts
 from robbie_mp.connect.link.described_types import TYPES_TOPIC, LinkedTypes
 from robbie_mp.connect.link.frames import prefixed
-from robbie_mp.connect.link.header import ROBOT_NAME, ChannelId, ReceivedPacket
+from robbie_mp.connect.link.header import ROBOT_NAME, VERSION, ChannelId, ReceivedPacket
 from robbie_mp.connect.link.keys import Keys, KeysError
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.operators import (
@@ -925,6 +925,9 @@ def _peer_state(peer: Peer, now_ns: int) -> LinkPeer:
 
 def _summary(peer: Peer, now_ns: int) -> str:
     if not peer.is_up(now_ns):
+        if peer.other_version:
+            versions = f"its link has version {peer.other_version}, and this one {VERSION}"
+            return f"{peer.name} DOWN: {versions}; install the same Robbie-MP on both"
         return f"{peer.name} DOWN"
     trip_ns = peer.clock.round_trip_ns or 0
     return f"{peer.name} {trip_ns / 1e6:.1f} ms, {peer.bytes_per_s / 1e6:.1f} MB/s, loss {peer.loss:.1%}"

@@ -14,6 +14,7 @@ from robbie_mp.connect.link.header import (
     Packet,
     ReceivedPacket,
     ReceiverReport,
+    other_version,
     unpack,
 )
 from robbie_mp.connect.link.peer import Network, Peer
@@ -149,6 +150,8 @@ class LinkNode:
         packet = unpack(header)
         if packet is None or packet.robot != robot:
             self.malformed += 1
+            if robot in self.peers:
+                self.peers[robot].other_version = other_version(header)
             return None
         peer = self.peers.get(robot) or self.meet(robot)
         if peer is None:

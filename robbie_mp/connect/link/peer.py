@@ -110,6 +110,8 @@ class Peer:
         self._address = Address(own, session)
         self.sessions = 0
         """How many sessions of the other link there have been."""
+        self.other_version = 0
+        """The version of the other link if it is not ours, by its last packet that could not be read."""
         self.stale = 0
         self.strange = 0
         self.uncounted = 0

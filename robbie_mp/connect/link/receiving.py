@@ -10,18 +10,12 @@ from typing import NamedTuple
 import zstandard
 
 from robbie_mp.connect.link.counts import HANDLING, NEXT, CountRow
-from robbie_mp.connect.link.header import (
-    COMPRESSED,
-    LATCHED,
-    MAX_COUNTS,
-    ChannelId,
-    DataHeader,
-)
+from robbie_mp.connect.link.header import COMPRESSED, LATCHED, MAX_COUNTS, ChannelId, DataHeader
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
 
-MAX_HELD_BYTES = 1 << 20
+MAX_KEPT_BYTES = 1 << 20
 """Of packets that come while a message waits for room; more than any sender has under way."""
-HELD_BYTES = 1000
+KEPT_OVERHEAD_BYTES = 1000
 """The size that each of them counts besides what it carries."""
 RETRY_FACTOR = 10
 """A message without room is tried again after this many times as long as the last attempt took."""
@@ -92,9 +86,9 @@ class ReceiveStream:
         """the sequence of its last packet, and"""
         self._retry_ns = 0
         """when it is tried again."""
-        self._held: deque[tuple[DataHeader, bytes]] = deque()
+        self._kept: deque[tuple[DataHeader, bytes]] = deque()
         """Packets that have come since then."""
-        self._held_bytes = 0
+        self._kept_bytes = 0
         self._is_in_order = MANNERS[traffic].is_resent
         self.duplicates = 0
         self.is_told = False
@@ -132,7 +126,7 @@ class ReceiveStream:
         While a message waits for room, nothing is taken or told, so the sender's window fills, and it stops.
         """
         if self._blocked is not None:
-            self._hold(header, payload)
+            self._keep(header, payload)
             return
         self.is_told = False
         self.untold_bytes += len(payload)
@@ -162,13 +156,13 @@ class ReceiveStream:
             return
         self._finish(header.sequence)
 
-    def _hold(self, header: DataHeader, payload: bytes) -> None:
+    def _keep(self, header: DataHeader, payload: bytes) -> None:
         """Keep a packet that comes while a message waits; what there is no room for will be sent again."""
-        newest = self._held[-1][0].sequence if self._held else self._blocked_at
-        size = HELD_BYTES + len(payload)
-        if header.sequence > newest and self._held_bytes + size <= MAX_HELD_BYTES:
-            self._held_bytes += size
-            self._held.append((header, payload))
+        newest = self._kept[-1][0].sequence if self._kept else self._blocked_at
+        size = KEPT_OVERHEAD_BYTES + len(payload)
+        if header.sequence > newest and self._kept_bytes + size <= MAX_KEPT_BYTES:
+            self._kept_bytes += size
+            self._kept.append((header, payload))
 
     def go_on(self, now_ns: int) -> None:
         """Publish the message that waits for room, if there is some now, and take what has come since."""
@@ -179,9 +173,9 @@ class ReceiveStream:
             self._retry_ns = now_ns + RETRY_FACTOR * (time.monotonic_ns() - begun_ns)
             return
         self._blocked, self.is_told = None, False
-        while self._held and self._blocked is None:
-            header, payload = self._held.popleft()
-            self._held_bytes -= HELD_BYTES + len(payload)
+        while self._kept and self._blocked is None:
+            header, payload = self._kept.popleft()
+            self._kept_bytes -= KEPT_OVERHEAD_BYTES + len(payload)
             self.take(header, payload)
 
     def _is_overtaken(self, header: DataHeader) -> bool:

@@ -65,8 +65,8 @@ class DeadManSwitch:
         has_answered = self._answered > self._stood_still_until or not self._stood_still_until
         return has_answered and not self._stands_still(now_s) and self.delay_s(now_s) <= ORDER_LIMIT_S
 
-    def pong(self, number: int, page_s: float, now_s: float) -> None:
-        """Take the page's answer to a ping; one that was not asked for is ignored.
+    def pong(self, number: int, page_s: float, now_s: float) -> bool:
+        """Take the page's answer to a ping; False: it was not asked for, and is ignored.
 
         Args:
             number: of the ping.
@@ -75,12 +75,13 @@ class DeadManSwitch:
         """
         sent = next((one for one in self._waiting if one[0] == number), None)
         if sent is None or not abs(page_s) <= MAX_PAGE_S:
-            return
+            return False
         self._waiting.remove(sent)
         self._answered = max(self._answered, number)
         page_ns = round(page_s * NS)
         self._page_clock.add(Exchange(round(sent[1] * NS), page_ns, page_ns, round(now_s * NS)))
         self._trips.append((now_s, now_s - sent[1]))
+        return True
 
     def age_s(self, sent_s: float, now_s: float) -> float:
         """Return the greatest age that a command can have; infinite before the first answer to a ping.

@@ -151,8 +151,8 @@ class Driver:
         except (KeyError, TypeError, ValueError, OverflowError):
             return
         now_s = time.monotonic()
-        self._page.dead_man.pong(number, page_s, now_s)
-        if (trip_s := self._page.dead_man.trip_s(now_s)) is not None:
+        is_asked = self._page.dead_man.pong(number, page_s, now_s)
+        if is_asked and (trip_s := self._page.dead_man.trip_s(now_s)) is not None:
             self._page.network.ping_came(trip_s, now_s)
 
     def _look_at_network(self) -> None:

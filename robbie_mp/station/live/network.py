@@ -78,7 +78,7 @@ class NetworkCost:
 
 
 @dataclass(eq=False)
-class UnderWay:
+class Transfer:
     """A picture or packet that is sent."""
 
     size: int
@@ -91,8 +91,8 @@ class UnderWay:
 class PageNetwork:
     """The network to one page. Used in the page server's thread.
 
-    Whoever wants to send waits for a turn. Turns are given in the order in which they were asked for, so
-    none of the page's streams starves another.
+    Each stream asks for a turn before it sends, and gets it in the order of asking. So no stream of the page
+    starves another.
 
     A picture that finds the network empty says little of it: some frames pass at once. One that was sent
     while another was under way comes as much later as its bytes need (Jacobson, *Congestion avoidance and
@@ -107,7 +107,7 @@ class PageNetwork:
         self.share = 1.0
         self.costs: WeakSet[NetworkCost] = WeakSet()
         self._fastest_s = self._fastest_at_s = math.inf
-        self._under_way: list[UnderWay] = []
+        self._under_way: list[Transfer] = []
         self._turn, self._changed = asyncio.Lock(), asyncio.Event()
         self._came_s = -math.inf
         self._gaps: deque[tuple[float, float]] = deque(maxlen=ESTIMATES)
@@ -131,7 +131,7 @@ class PageNetwork:
         known = [cost.of(size) for cost in self.costs if cost.added_s >= new_s]
         return max((one for one in known if one is not None), default=UNKNOWN_S_PER_BYTE * size)
 
-    async def turn(self, size: float) -> UnderWay:
+    async def turn(self, size: float) -> Transfer:
         """Wait until a picture or packet of about this size (bytes) may be sent.
 
         It counts as under way at once. Tell `went` when it goes, and `came` when it has come, or does not go.
@@ -141,7 +141,7 @@ class PageNetwork:
                 self._changed.clear()
                 with suppress(asyncio.TimeoutError):
                     await asyncio.wait_for(self._changed.wait(), wait_s)
-        sent = UnderWay(round(size), self.cost_s(size), time.monotonic())
+        sent = Transfer(round(size), self.cost_s(size), time.monotonic())
         self._under_way.append(sent)
         return sent
 
@@ -153,14 +153,14 @@ class PageNetwork:
             return 0.0
         return min(one.sent_s for one in self._under_way) + STUCK_S - now_s
 
-    def went(self, sent: UnderWay, size: int) -> UnderWay:
+    def went(self, sent: Transfer, size: int) -> Transfer:
         """Note how large (bytes) a picture or packet has become that is sent now."""
         sent.size, sent.cost_s, sent.sent_s = size, self.cost_s(size), time.monotonic()
         if sent not in self._under_way:  # it took as long as if it were stuck
             self._under_way.append(sent)
         return sent
 
-    def came(self, sent: UnderWay, way_s: float | None = None) -> None:
+    def came(self, sent: Transfer, way_s: float | None = None) -> None:
         """Note that a picture or packet has come, or is lost with its connection.
 
         Args:
@@ -173,7 +173,7 @@ class PageNetwork:
         if way_s is not None:
             self._learn(sent, min(way_s, GAPS_S))
 
-    def _learn(self, sent: UnderWay, way_s: float) -> None:
+    def _learn(self, sent: Transfer, way_s: float) -> None:
         """Learn from one that was sent while the one before was in the network: it came right after that."""
         came_s = sent.sent_s + way_s
         gap_s = came_s - self._came_s

@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
-from robbie_mp.station.live.network import NetworkCost, PageNetwork, UnderWay
+from robbie_mp.station.live.network import NetworkCost, PageNetwork, Transfer
 from robbie_mp.station.web.page_json import from_page
 
 PACKET_BYTES = 1 << 16
@@ -106,7 +106,7 @@ class Follower:
         self._sent = self._drawn = 0
         self._network, self._cost = network, NetworkCost()
         network.costs.add(self._cost)
-        self._flying: deque[UnderWay] = deque()
+        self._flying: deque[Transfer] = deque()
         """The packets that the page has not yet drawn."""
         self._size = 0
         """Of the last packet, bytes."""

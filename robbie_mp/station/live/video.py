@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from robbie_mp.station.live.h264 import VIDEO_GRADES, VideoFailed, VideoGrade, VideoStream, VideoStreams
-from robbie_mp.station.live.network import UNKNOWN_S_PER_BYTE, NetworkCost, PageNetwork, UnderWay
+from robbie_mp.station.live.network import UNKNOWN_S_PER_BYTE, NetworkCost, PageNetwork, Transfer
 from robbie_mp.station.live.parts import DRAWING_LIMIT_S, packed
 from robbie_mp.station.watch.pictures import Grade, GradedPicture, NewestPicture
 from robbie_mp.station.web.page_json import from_page
@@ -136,7 +136,7 @@ class VideoFollower:
         self._ends: list[Callable[[], None]] = []
         self._cost = NetworkCost(SHORTEST_WAY_S)
         network.costs.add(self._cost)
-        self._flying: deque[tuple[UnderWay, bool]] = deque()
+        self._flying: deque[tuple[Transfer, bool]] = deque()
         """The pictures that the page has not yet drawn, and whether they are full."""
         self._free_s = -math.inf
         """From when on the network has room for the next picture."""
@@ -266,9 +266,6 @@ class VideoFollower:
         wanted.grade = wanted.choose(self._cost, limit_s)
         wanted.sent = source.count
         picture = await self._encoded(wanted, source, stream, limit_s)
-        if self._is_gone:
-            self._network.came(sent)
-            return None
         wanted.sent_s = now_s = time.monotonic()
         size = len(picture.data)
         is_full = stream is None or size >= FULL_SHARE * wanted.size(wanted.grade)

@@ -265,6 +265,18 @@ def test_signal_ends_a_wait(wakeup: Wakeup) -> None:
 
 
 @ALARM_IS_TAKEN
+@pytest.mark.parametrize("native", BOTH[1:])
+def test_signal_ends_the_sleep_of_a_patient_wait_in_c(wakeup: Wakeup) -> None:
+    wakeup.patience_s = 30.0
+    previous = signal.signal(signal.SIGALRM, lambda _signal, _frame: None)
+    signal.setitimer(signal.ITIMER_REAL, 0.02)
+    started = time.monotonic()
+    assert not wakeup.wait(60)
+    assert time.monotonic() - started < 10
+    signal.signal(signal.SIGALRM, previous)
+
+
+@ALARM_IS_TAKEN
 def test_exception_of_a_signals_handler_ends_a_wait(wakeup: Wakeup) -> None:
     def fail(_signal: int, _frame: object) -> None:
         raise ZeroDivisionError("by the handler")

@@ -17,7 +17,7 @@ from robbie_mp.bus.transport.endpoint import NameTooLong, TooManyDeclarations
 from robbie_mp.connect.link.clock_offset import Exchange
 from robbie_mp.connect.link.frames import prefixed
 from robbie_mp.connect.link.handshake import NotConnected, shake_hands
-from robbie_mp.connect.link.header import ChannelId
+from robbie_mp.connect.link.header import MAGIC, VERSION, ChannelId, ReceivedPacket
 from robbie_mp.connect.link.keys import Keys
 from robbie_mp.connect.link.module import Link
 from robbie_mp.connect.link.receiving import Arrived, Fate
@@ -216,6 +216,16 @@ def test_what_another_robot_sends_to_this_one_has_no_prefix(topic: str, here: st
         one = Arrived("blue", 1, TrafficClass.URGENT, 0, name, data, 0, 0, False)
         assert harness.module.on_arrived(one) is Fate.PUBLISHED
         assert [entry.topic for entry in harness.published_encoded] == [here]
+
+
+def test_status_says_that_a_link_has_another_version() -> None:
+    with ModuleHarness(Link, {"robot": "red", "listen": []}) as harness:
+        harness.module.node.meet("blue")
+        older = MAGIC + bytes([VERSION - 1]) + b"beat"
+        harness.module.node.take(ReceivedPacket("blue", older, b"", 0, is_datagram=True))
+        harness.advance(1.1)
+        versions = f"its link has version {VERSION - 1}, and this one {VERSION}"
+        assert f"blue DOWN: {versions}; install the same Robbie-MP on both" in harness.module.status
 
 
 @pytest.mark.parametrize("error", [NameTooLong("topic"), TooManyDeclarations("topics")])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from robbie_mp.connect.link.header import ChannelId, DataHeader, Packet
+from robbie_mp.connect.link.header import MAGIC, VERSION, Beat, ChannelId, DataHeader, Packet, pack
 from robbie_mp.connect.link.peer import SILENT_NS
 from robbie_mp.connect.link.receiving import Arrived, Fate
 from robbie_mp.connect.link.sending import SendLimits
@@ -233,6 +233,16 @@ def test_packets_of_others_than_they_say_and_of_no_link_are_counted() -> None:
     red.take("blue", b"nonsense", b"")
     assert red.node.malformed == 2
     assert red.journal == []
+
+
+def test_link_of_another_version_is_told_from_packets_of_no_link() -> None:
+    network, red, _ = two_robots(12)
+    assert red.node is not None
+    beat = pack(Beat("blue", 1, 0, network.now_ns, 0, 0, 1, 0))
+    for header, version in ((b"nonsense", 0), (MAGIC + bytes([VERSION - 1]) + beat[3:], VERSION - 1)):
+        red.take("blue", header, b"")
+        assert red.node.peers["blue"].other_version == version
+    assert red.node.malformed == 2
 
 
 @pytest.mark.slow

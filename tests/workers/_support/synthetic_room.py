@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,17 +28,30 @@ def measure(
     pose: NDArray[np.float64], random: np.random.Generator, noise_m: float = 0.01
 ) -> NDArray[np.float32]:
     """A sweep `(180,)`, m, taken at a pose (x, y, heading) in the room."""
-    bearings = pose[2] + ANGLE_MIN_RAD + INCREMENT_RAD * np.arange(BEAMS)
-    ray = np.column_stack([np.cos(bearings), np.sin(bearings)])[:, None]
-    begin, along = SEGMENTS[:, :2] - pose[:2], SEGMENTS[:, 2:] - SEGMENTS[:, :2]
+    bearings = ANGLE_MIN_RAD + INCREMENT_RAD * np.arange(BEAMS)
+    noisy = distances_m(pose, bearings, SEGMENTS) + noise_m * random.standard_normal(BEAMS)
+    return noisy.astype(np.float32)
+
+
+def distances_m(
+    pose: NDArray[np.float64], bearings: NDArray[np.floating[Any]], segments: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """How far the walls are from a pose in each direction, `(N,)`; infinite where there is none.
+
+    Args:
+        pose: x and y in m, heading in rad.
+        bearings: `(N,)`, rad, from the heading.
+        segments: `(M, 4)`, m: the ends of the walls.
+    """
+    ray = np.column_stack([np.cos(bearings + pose[2]), np.sin(bearings + pose[2])])[:, None]
+    begin, along = segments[:, :2] - pose[:2], segments[:, 2:] - segments[:, :2]
     across = ray[..., 0] * along[:, 1] - ray[..., 1] * along[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / across
         share = (begin[:, 0] * ray[..., 1] - begin[:, 1] * ray[..., 0]) / across
     hit = (distance > 0) & (share >= 0) & (share <= 1)
-    ranges = np.where(hit, distance, np.inf).min(axis=1)
-    noisy: NDArray[np.float64] = ranges + noise_m * random.standard_normal(BEAMS)
-    return noisy.astype(np.float32)
+    nearest: NDArray[np.float64] = np.where(hit, distance, np.inf).min(axis=1, initial=np.inf)
+    return nearest
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from robbie_robots.workers.mapping.key_sweeps import KeySweeps
 from robbie_robots.workers.mapping.loop_closing import LoopCloser
 from robbie_robots.workers.mapping.slip_watch import SlipWatch
 from robbie_robots.workers.planar_pose import compose, relative
+from tests.workers._support.synthetic_room import distances_m
 
 Array = NDArray[np.float64]
 BEARINGS = np.radians(np.arange(-90.0, 91.0))
@@ -37,19 +38,13 @@ def corridor(niches_every_m: float = 0.0) -> Array:
 
 
 def swept(pose: Array, segments: Array, trunks: Array, range_m: float = RANGE_M) -> LaserSweep:
-    ray = np.column_stack([np.cos(BEARINGS + pose[2]), np.sin(BEARINGS + pose[2])])[:, None]
-    begin, along = segments[:, :2] - pose[:2], segments[:, 2:] - segments[:, :2]
+    directions = np.column_stack([np.cos(BEARINGS + pose[2]), np.sin(BEARINGS + pose[2])])
     to_trunk = trunks - pose[:2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        across = ray[..., 0] * along[:, 1] - ray[..., 1] * along[:, 0]
-        to_wall_m = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / across
-        share = (begin[:, 0] * ray[..., 1] - begin[:, 1] * ray[..., 0]) / across
-        ahead, aside = ray[:, 0] @ to_trunk.T, ray[:, 0] @ (to_trunk @ [[0.0, -1.0], [1.0, 0.0]]).T
+    ahead, aside = directions @ to_trunk.T, directions @ (to_trunk @ [[0.0, -1.0], [1.0, 0.0]]).T
+    with np.errstate(invalid="ignore"):
         to_bark_m = ahead - np.sqrt(TRUNK_M**2 - aside**2)
-    hits_wall = (to_wall_m > 0) & (share >= 0) & (share <= 1)
-    hits_trunk = (np.abs(aside) < TRUNK_M) & (ahead > 0)
-    every = [np.where(hits_wall, to_wall_m, np.inf), np.where(hits_trunk, to_bark_m, np.inf)]
-    ranges = np.concatenate([*every, np.full((len(BEARINGS), 1), np.inf)], axis=1).min(axis=1)
+    to_bark_m = np.where((np.abs(aside) < TRUNK_M) & (ahead > 0), to_bark_m, np.inf)
+    ranges = np.minimum(distances_m(pose, BEARINGS, segments), to_bark_m.min(axis=1, initial=np.inf))
     ranges += NOISE_M * np.random.default_rng(round(1e3 * abs(pose[0]))).standard_normal(len(BEARINGS))
     return LaserSweep.from_ranges(ranges, BEARINGS[0], BEARINGS[1] - BEARINGS[0], 0.05, range_m)
 
