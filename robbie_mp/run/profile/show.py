@@ -14,6 +14,8 @@ from robbie_mp.run.profile.model import ModuleSpec, Profile
 
 DEFAULT = "default"
 COMMENT_COLUMN = 48
+FLOW_INDICATORS = frozenset(",[]{}")
+"""What ends a text without quotes within brackets or braces (YAML 1.2.2, 7.3.3)."""
 VARIABLE = re.compile(r"\$\{[^}]*\}")
 KeyPath = tuple[str, ...]
 
@@ -134,7 +136,9 @@ def _dump(value: object, *, allow_unicode: bool) -> str:
 
 
 def inline(value: object) -> str:
-    """Return a value as YAML on one line, as a profile may contain it."""
+    """Return a value as YAML on one line, as a profile may contain it, also within brackets and braces."""
+    if isinstance(value, str) and not FLOW_INDICATORS.isdisjoint(value):
+        return inline([value])[1:-1]  # PyYAML quotes it only there
     value = _without_variables(value)
     text = _dump(value, allow_unicode=True)
     if (

@@ -126,6 +126,7 @@ def test_merging_agrees_with_its_definition(base: dict[str, object], over: dict[
 
 @given(VALUES)
 @example({"${a}": "${a}"})
+@example("0,")
 @example(["$${", "$${a}", {"a${b}": "$$${b} ${${c}} ${"}])
 def test_shown_value_is_read_back_as_it_was(value: object) -> None:
     assume("'if'" not in repr(value))  # a map with this key may be left out
