@@ -2,10 +2,23 @@
 
 import time
 
+import numpy as np
 import psutil
 
+from robbie_mp.bus.transport.histogram import quantile_s
+from robbie_mp.bus.transport.layout import HISTOGRAM_BUCKETS
 from tests._support.robot import LIMIT_S
-from tools.operator.beside import CONTROL, PAGE, WITHOUT, ThreadLoad, as_table, cpu_s, imitated, loads_between
+from tools.operator.beside import (
+    CONTROL,
+    PAGE,
+    WITHOUT,
+    Block,
+    ThreadLoad,
+    as_table,
+    cpu_s,
+    imitated,
+    loads_between,
+)
 
 
 def test_each_thread_that_woke_up_is_imitated() -> None:
@@ -23,14 +36,17 @@ def test_control_computes_until_its_end() -> None:
     assert not any(psutil.pid_exists(pid) for pid in pids)
 
 
-def test_ratios_are_those_of_medians() -> None:
-    p99_us = {WITHOUT: (100.0, 500.0, 200.0), PAGE: (300.0, 260.0, 1.0), CONTROL: (240.0, 250.0, 9000.0)}
-    results = [
-        {"session": name, "p50_us": 1.0, "p99_us": one, "percent of a processor": 5.0}
-        for name, all_us in p99_us.items()
-        for one in all_us
+def test_ratios_are_those_of_all_messages_together() -> None:
+    quick, slow, slower = (
+        np.eye(1, HISTOGRAM_BUCKETS, bucket, dtype=np.int64)[0] for bucket in (40, 100, 116)
+    )
+    blocks = [
+        Block(WITHOUT, 98 * quick + 2 * slow, 5.0),
+        Block(WITHOUT, 98 * quick + 2 * slow, 5.0),
+        Block(PAGE, 100 * slower, 5.0),
+        Block(PAGE, 5000 * quick + 2 * slower, 5.0),
+        Block(CONTROL, 100 * quick, 5.0),
     ]
-    table = as_table(results)
-    assert "page ÷ without, medians: 1.30" in table
-    assert "control ÷ without, medians: 1.25" in table
-    assert "page ÷ control, medians: 1.04" in table
+    table = as_table(blocks)
+    assert f"page ÷ without: {quantile_s(slower, 1) / quantile_s(slow, 1):.2f}" in table
+    assert f"page ÷ control: {quantile_s(slower, 1) / quantile_s(quick, 1):.2f}" in table

@@ -2,38 +2,42 @@
 
 A robot has two cameras of 640 x 480 pixels at 10 Hz, a map of 1000 x 1000 cells of which a patch changes
 each second, clouds of 50,000 points at 5 Hz, and a laser at 10 Hz. Its modules exchange 500 small messages a
-second, whose latency is measured: without a station; with one and a page that takes all of this but draws
-nothing, and only with the processor time that the robot leaves; and with a control in place of both. The
-control has none of the station's code: for each thread of station and page, a process that wakes up as often
-and computes as long, with the same priority and time slice.
+second, whose latency is measured: while no page is open; with one that takes all of this but draws nothing,
+and only with the processor time that the robot leaves; and with a control in its place. The control has none
+of the station's code: for each thread of station and page, a process that wakes up as often and computes as
+long, with the same priority and time slice.
+
+What else happens on a machine changes a p99 several times within a minute. So the three take turns of some
+seconds in one robot, and all messages of each count together.
 """
 
 import argparse
-import json
 import re
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
 import psutil
+from numpy.typing import NDArray
 
+from robbie_mp.bus.transport.histogram import quantile_s
 from tools.bench.contender import work_folder
-from tools.bench.machine import describe_machine
 from tools.bench.table import render, short_number
-from tools.load.measure import latency_of
+from tools.load.measure import histogram_of
 from tools.operator.light_pages import NICE
 from tools.robot import REPOSITORY, Robot, running
 
 WITHOUT, PAGE, CONTROL = "without", "page", "control"
 GOAL = 1.2
 PAIRS, TALK_HZ = 5, 100.0
-SETTLE_S = 8.0
+SETTLE_S = 1.5
 TOKEN = "watches-six-things-at-once"
 LAYOUT = "Live"
 TILES = {
@@ -87,7 +91,22 @@ class ThreadLoad:
     nice: int
 
 
-def profile(*, has_station: bool) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Block:
+    """A time in which nothing changed.
+
+    Attributes:
+        session: `WITHOUT`, `PAGE` or `CONTROL`.
+        counts: `(HISTOGRAM_BUCKETS,)`, the latencies of the small messages.
+        percent: of a processor, of station and page, or of the control.
+    """
+
+    session: str
+    counts: NDArray[np.int64]
+    percent: float
+
+
+def profile() -> dict[str, Any]:
     """Return the robot's profile."""
     modules: dict[str, Any] = {name: {"class": what} for name, what in ROBOT.items()}
     for number in range(PAIRS):
@@ -95,9 +114,8 @@ def profile(*, has_station: bool) -> dict[str, Any]:
         modules[f"listener{number}"] = {"class": "tools.load.modules:Listener", "settings": listener}
         talker = {"number": number, "rate_hz": TALK_HZ}
         modules[f"talker{number}"] = {"class": "tools.load.modules:Talker", "settings": talker}
-    if has_station:
-        own = {"port": 0, "layouts": {LAYOUT: TILES}, "operator_token": "file:operator.token"}
-        modules["operator"] = {"class": "robbie_mp.station:OperatorStation", "settings": own}
+    own = {"port": 0, "layouts": {LAYOUT: TILES}, "operator_token": "file:operator.token"}
+    modules["operator"] = {"class": "robbie_mp.station:OperatorStation", "settings": own}
     return {"modules": modules}
 
 
@@ -183,43 +201,49 @@ def cpu_s(pids: list[int]) -> float:
     return sum(one.user + one.system for one in times)
 
 
-def measure(session: str, seconds: float, loads: list[ThreadLoad]) -> tuple[dict[str, Any], list[ThreadLoad]]:
-    """Run the robot for a time. Return its figures, and with a page what station and page did meanwhile."""
-    with work_folder() as (_, folder), ExitStack() as stack:
+def measure(rounds: int, seconds: float) -> Iterator[Block]:
+    """Run one robot, and yield what its modules needed without a page, with one, and with the control."""
+    with work_folder() as (_, folder):
         (folder / "operator.token").touch(mode=0o600)
         (folder / "operator.token").write_text(TOKEN)
-        robot = stack.enter_context(running(folder, profile(has_station=session == PAGE)))
-        robot.wait_until_running()
-        nice_of: dict[int, int] = {}
-        if session == PAGE:
-            nice_of = {robot.figures()["operator"].pid: 0, stack.enter_context(page_of(robot)): NICE}
-        pids = stack.enter_context(imitated(loads)) if session == CONTROL else list(nice_of)
-        time.sleep(SETTLE_S)
-        assert robot.observer is not None
-        before, used, used_s = robot.observer.read(), {pid: used_by(pid) for pid in nice_of}, cpu_s(pids)
-        time.sleep(seconds)
-        now, used_s = robot.observer.read(), cpu_s(pids) - used_s
-        took_s = (now.at_ns - before.at_ns) / 1e9
-        found = [
-            load
-            for pid, nice in nice_of.items()
-            for load in loads_between(used[pid], used_by(pid), took_s, nice)
-        ]
-        small = latency_of(before, now, [f"listener{number}" for number in range(PAIRS)])
-        return {"session": session, **small, "percent of a processor": 100 * used_s / took_s}, found
+        with running(folder, profile()) as robot:
+            robot.wait_until_running()
+            station = robot.figures()["operator"].pid
+            for _ in range(rounds):
+                yield block(robot, WITHOUT, [station], seconds)
+                with page_of(robot) as page:
+                    used, used_ns = {pid: used_by(pid) for pid in (station, page)}, time.monotonic_ns()
+                    yield block(robot, PAGE, [station, page], seconds)
+                    took_s = (time.monotonic_ns() - used_ns) / 1e9
+                    loads = loads_between(used[station], used_by(station), took_s, 0)
+                    loads += loads_between(used[page], used_by(page), took_s, NICE)
+                with imitated(loads) as pids:
+                    yield block(robot, CONTROL, pids, seconds)
 
 
-def as_table(results: list[dict[str, Any]]) -> str:
-    """Return a table with a row for each session, and the ratios below it."""
-    columns = ("p50_us", "p99_us", "percent of a processor")
-    rows = [[one["session"], *(short_number(one[name]) for name in columns)] for one in results]
-    lines = [render(["session", *columns], rows), ""]
-    p99_us = {
-        name: median(one["p99_us"] for one in results if one["session"] == name)
-        for name in (WITHOUT, PAGE, CONTROL)
-    }
+def block(robot: Robot, session: str, pids: list[int], seconds: float) -> Block:
+    """Wait until the robot is used to what has just changed, and measure."""
+    assert robot.observer is not None
+    listeners = [f"listener{number}" for number in range(PAIRS)]
+    time.sleep(SETTLE_S)
+    before, used_s = histogram_of(robot.observer.read(), listeners), cpu_s(pids)
+    time.sleep(seconds)
+    now, used_s = histogram_of(robot.observer.read(), listeners), cpu_s(pids) - used_s
+    return Block(session, now.counts - before.counts, 100 * used_s / seconds)
+
+
+def as_table(blocks: list[Block]) -> str:
+    """Return a table with a row for each session, of all its messages together, and the ratios below it."""
+    rows, p99_us = [], {}
+    for name in (WITHOUT, PAGE, CONTROL):
+        own = [one for one in blocks if one.session == name]
+        counts = np.sum([one.counts for one in own], axis=0)
+        p50_us, p99_us[name] = (quantile_s(counts, fraction) * 1e6 for fraction in (0.5, 0.99))
+        figures = (int(counts.sum()), p50_us, p99_us[name], median(one.percent for one in own))
+        rows.append([name, *map(short_number, figures)])
+    lines = [render(["session", "messages", "p50_us", "p99_us", "percent of a processor"], rows), ""]
     for name, other in ((PAGE, WITHOUT), (CONTROL, WITHOUT), (PAGE, CONTROL)):
-        lines.append(f"p99, {name} ÷ {other}, medians: {p99_us[name] / p99_us[other]:.2f} (goal {GOAL})")
+        lines.append(f"p99, {name} ÷ {other}: {p99_us[name] / p99_us[other]:.2f} (goal {GOAL})")
     return "\n".join(lines)
 
 
@@ -228,22 +252,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seconds", type=float, default=40.0, help="duration of each session (40)")
-    parser.add_argument("--rounds", type=int, default=5, help="number of rounds (5)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the results to this file")
+    parser.add_argument("--seconds", type=float, default=5.0, help="duration of each session (5)")
+    parser.add_argument("--rounds", type=int, default=20, help="how often each session comes (20)")
     chosen = parser.parse_args(arguments)
-    results: list[dict[str, Any]] = []
-    loads: list[ThreadLoad] = []
-    for _ in range(chosen.rounds):
-        for session in (WITHOUT, PAGE, CONTROL):
-            result, found = measure(session, chosen.seconds, loads)
-            loads = found or loads
-            results.append(result | {"threads": [asdict(one) for one in found]})
-            print(json.dumps(results[-1]), file=sys.stderr, flush=True)
-    print(as_table(results))
-    if chosen.json:
-        report = {"machine": describe_machine(), "command": " ".join(sys.argv), "results": results}
-        chosen.json.write_text(json.dumps(report, indent=1))
+    print(as_table(list(measure(chosen.rounds, chosen.seconds))))
 
 
 if __name__ == "__main__":
