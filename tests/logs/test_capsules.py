@@ -1,4 +1,4 @@
-"""Forty ways to crash: each leaves a capsule, and crashes again at the same line."""
+"""Many ways to crash: each leaves a capsule, and crashes again at the same line."""
 
 import subprocess
 import sys

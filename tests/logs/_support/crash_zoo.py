@@ -1,32 +1,69 @@
 """Modules that crash in many ways; copied into the workspace of a test as `crashes.py`."""
 
+import asyncio
 import contextlib
 import ctypes
 import faulthandler
+import logging
+import mmap
 import os
 import random
 import signal
+import subprocess
 import sys
+import tempfile
 import time
 import tty
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from robbie_mp import (
+    ActiveGoal,
     Array,
     CallRefused,
     EncodedMessage,
+    Feedback,
+    Goal,
+    Header,
+    Input,
     Message,
     MessageHandling,
     Module,
+    Procedure,
     Reply,
     Request,
+    Result,
+    StateMachine,
+    Synchronizer,
+    Time,
     float64,
     int32,
+    pause,
     setting,
 )
-from robbie_mp.messages import ModuleState, SettingChange
+from robbie_mp.messages import (
+    DriveCommand,
+    Image,
+    ModuleState,
+    PoseStamped,
+    Quaternion,
+    SettingChange,
+    TFMessage,
+    Transform,
+    TransformStamped,
+    Twist,
+    TwistStamped,
+    Vector3,
+)
+from robbie_mp.scene import SceneGraphListener
 from robbie_robots.hw.connection.device import PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceSilent as DeviceNotThere
 from robbie_robots.hw.connection.port import Port, PortError
@@ -46,6 +83,25 @@ class Latched(Message, name="crashes/msg/Latched", latched=True):
     value: int32
 
 
+class Numbers(Message, name="crashes/msg/Numbers"):
+    numbers: list[Number]
+
+
+class Climbed(Feedback, name="crashes/action/Climb_Feedback"):
+    steps: int32
+
+
+class Top(Result, name="crashes/action/Climb_Result"):
+    steps: int32
+
+
+class Climb(Goal[Climbed, Top], name="crashes/action/Climb_Goal"):
+    steps: int32
+
+
+Climbing = ActiveGoal[Climb, Climbed, Top]
+
+
 class Answer(Reply, name="crashes/srv/Ask_Response"):
     value: int32
 
@@ -55,13 +111,18 @@ class Ask(Request[Answer], name="crashes/srv/Ask_Request"):
 
 
 class Feeder(Module):
-    """Publishes numbers on two topics, one latched message, and one that is large; it answers and asks."""
+    """Publishes numbers on two topics, one latched message, and many others; it answers and asks."""
 
     period_s = FEED_S
 
     def setup(self) -> None:
         self.n = 0
         self.serve(Ask, self.on_ask)
+        self.serve_goals(Climb, self.on_climb)
+
+    def on_climb(self, climbing: Climbing) -> None:
+        climbing.feedback(Climbed(steps=1))
+        climbing.succeed(Top(steps=0))
 
     def on_ask(self, ask: Ask) -> Answer:
         if ask.value < 0:
@@ -82,6 +143,24 @@ class Feeder(Module):
             self.publish(Number(value=self.n, weights=np.full(100_000, self.n)), topic="image")
         if self.n == 25:
             self.call(Ask(value=13), lambda _reply: None, lambda _error: None, topic="server")
+            self.send_goal(Climb(steps=3), lambda _top: None, lambda _error: None, topic="climber")
+        numbers = [Number(value=number, weights=np.zeros(0)) for number in range(20 - self.n)]
+        self.publish(Numbers(numbers=numbers), topic="fewer")
+        for _ in range(10):
+            self.publish(Number(value=self.n, weights=np.zeros(75)), topic="many")
+        self.move()
+
+    def move(self) -> None:
+        """Publish where the robot is, and twice a place and a speed; the last place is of long ago."""
+        header = self.header("odom")
+        pose = Transform(translation=Vector3(x=self.n / 10), rotation=Quaternion(w=1.0))
+        moved = TransformStamped(header=header, child_frame_id="base_link", transform=pose)
+        self.publish(TFMessage(transforms=[moved]), topic="tf")
+        if self.n in (20, 40):
+            self.publish(PoseStamped(header=header), topic="place")
+            self.publish(TwistStamped(header=header, twist=Twist()), topic="speed")
+        if self.n == 60:
+            self.publish(PoseStamped(header=Header(stamp=Time(sec=5), frame_id="odom")), topic="old_place")
 
 
 class Devices(Module):
@@ -518,6 +597,297 @@ class Allocations(Crasher):
         self.kept = [*getattr(self, "kept", []), np.empty(40_000_000)]
 
 
+class OnlyNewest(Crasher):
+    def setup(self) -> None:
+        self.n = 0
+        self.subscribe(Number, self.on_a, MessageHandling.KEEP_ONLY_NEWEST, topic="a")
+
+    def on_a(self, number: Number) -> None:
+        if self.n >= 5 and number.value > self.n + 3:
+            raise RuntimeError("too much is missing")
+        self.n = number.value
+        time.sleep(0.05)
+
+
+class LongHistory(Crasher):
+    """Saves its state now and then; the history does not reach back to the start."""
+
+    def setup(self) -> None:
+        super().setup()
+        self.total = self.restored or 0
+        self.subscribe(Number, self.on_many, topic="many")
+
+    def on_many(self, number: Number) -> None:
+        self.total += 1
+        if self.total % 500 == 0:
+            self.checkpoint(self.total)
+        if self.total > 8010:
+            raise KeyError(self.total)
+
+
+class NestedMessages(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.subscribe(Numbers, self.on_numbers, topic="fewer")
+
+    def on_numbers(self, message: Numbers) -> None:
+        self.n += min(number.value for number in message.numbers)
+
+
+class Pairs(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        place, speed = Input(PoseStamped, "place"), Input(TwistStamped, "speed")
+        self.pairs = Synchronizer(self, place, speed, handler=self.on_pair)
+
+    def on_pair(self, place: PoseStamped, speed: TwistStamped) -> None:
+        self.status = f"{place.pose.position.x / speed.twist.linear.x}"
+
+
+class OldPose(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.scene = SceneGraphListener(self)
+        self.subscribe(PoseStamped, self.on_place, topic="old_place")
+
+    def on_place(self, place: PoseStamped) -> None:
+        self.scene.pose("odom", "base_link", place.header.stamp.nanoseconds)
+
+
+class GoalServed(Crasher):
+    period_s = 0.02
+
+    def setup(self) -> None:
+        super().setup()
+        self.climbing: Climbing | None = None
+        self.serve_goals(Climb, self.on_climb, topic="climber")
+
+    def on_climb(self, climbing: Climbing) -> None:
+        self.climbing, self.way = climbing, list(range(climbing.goal.steps))
+
+    def tick(self) -> None:
+        if self.climbing is not None:
+            self.climbing.feedback(Climbed(steps=self.way.pop()))
+
+
+class GoalResult(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        if self.n == 4:
+            self.send_goal(Climb(steps=2), self.on_top, on_feedback=self.on_climbed)
+
+    def on_climbed(self, climbed: Climbed) -> None:
+        self.n += climbed.steps
+
+    def on_top(self, top: Top) -> None:
+        self.n //= top.steps
+
+
+class ProfileSetting(Crasher):
+    words: list[str] = setting(["a"], "some words")
+
+    def on_a(self, number: Number) -> None:
+        self.status = self.words[number.value % 5]
+
+
+class SecondProcess(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        if self.incarnation == 2:
+            raise RuntimeError("a second process is one too many")
+        if self.n == 4:
+            raise ValueError("the first death")
+
+
+class WarningAsError(Crasher):
+    def on_a(self, number: Number) -> None:
+        warnings.simplefilter("error")
+        if number.value > 6:
+            warnings.warn("old", DeprecationWarning, stacklevel=1)
+
+
+class NumpyError(Crasher):
+    def on_a(self, number: Number) -> None:
+        with np.errstate(all="raise"):
+            self.status = f"{np.float64(1.0) / np.float64(number.value - 9)}"
+
+
+class DictChanged(Crasher):
+    def on_a(self, number: Number) -> None:
+        words = {"a": 1, "b": 2}
+        for word in words:
+            if number.value > 6:
+                del words[word]
+
+
+@dataclass(frozen=True)
+class Span:
+    begin: float
+    end: float
+
+    def __post_init__(self) -> None:
+        if self.end < self.begin:
+            raise ValueError(f"{self} ends before it begins")
+
+
+class DataClass(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.status = f"{Span(2.0, 9.0 - number.value)}"
+
+
+@lru_cache
+def once(value: int) -> list[int]:
+    return []
+
+
+class CachedState(Crasher):
+    def on_a(self, number: Number) -> None:
+        seen = once(number.value % 3)
+        seen.append(number.value)
+        if len(seen) > 4:
+            raise RuntimeError(f"{seen} are too many")
+
+
+class Library(Crasher):
+    def on_a(self, number: Number) -> None:
+        np.linalg.inv(np.diag([1.0, 9.0 - number.value]))
+
+
+class Yaml(Crasher):
+    def on_a(self, number: Number) -> None:
+        yaml.safe_load("{a: 1" if number.value > 6 else "{a: 1}")
+
+
+class Generator(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.steps = self.plan()
+
+    def plan(self) -> Iterator[str]:
+        yield "look"
+        yield "go"
+
+    def on_a(self, number: Number) -> None:
+        self.status = next(self.steps)
+
+
+class Coroutine(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.work = Procedure[Number]()
+        self.work.begin(self.gather())
+
+    async def gather(self) -> Number:
+        heard: list[Number] = []
+        while len(heard) < 6:
+            heard.append(await pause())
+        return heard[6]
+
+    def on_a(self, number: Number) -> None:
+        self.work.tell(number)
+
+
+class Asyncio(Crasher):
+    def on_a(self, number: Number) -> None:
+        asyncio.run(self.both(number.value))
+
+    async def both(self, value: int) -> None:
+        await asyncio.gather(self.half(value), self.half(value + 1))
+
+    async def half(self, value: int) -> None:
+        await asyncio.sleep(0)
+        self.n += 1 // (value - 9)
+
+
+class Hand(Enum):
+    OPEN = "is open"
+    CLOSED = "is closed"
+
+
+class States(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        ways = {Hand.OPEN: {Hand.CLOSED}, Hand.CLOSED: {Hand.OPEN}}
+        self.machine = StateMachine(Hand.OPEN, ways, clock=self.monotonic_s)
+
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        self.machine.go(Hand.CLOSED if self.n % 2 or self.n > 8 else Hand.OPEN, "told")
+
+
+class Shouting(logging.Filter):
+    def filter(self, record: logging.LogRecord) -> bool:
+        return not isinstance(record.args, tuple) or bool(["low", "high"].index(str(record.args[0])))
+
+
+class LogFilter(Crasher):
+    def on_a(self, number: Number) -> None:
+        alarms = logging.getLogger("alarms")
+        alarms.addFilter(Shouting())
+        alarms.warning("%s", "low" if number.value < 6 else "middle")
+
+
+class IllFormedCommand(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.publish(DriveCommand(linear_m_per_s=float("nan") if number.value == 9 else 0.0))
+
+
+class Loan(Crasher):
+    def on_a(self, number: Number) -> None:
+        with self.loan(Image, height=4, width=4, step=4, encoding="mono8", data=16) as image:
+            image.data[:] = 0
+            image.data[number.value * 2] = 9
+
+
+class InTeardown(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.n += 1
+        if self.n == 5:
+            self.stop()
+
+    def teardown(self) -> None:
+        self.n //= self.n - 5
+
+
+class ReadFile(Crasher):
+    def on_a(self, number: Number) -> None:
+        self.status = Path(__file__).read_text().splitlines()[number.value * 400]
+
+
+class Pool(Crasher):
+    def setup(self) -> None:
+        super().setup()
+        self.pool = ThreadPoolExecutor(2)
+
+    def half(self, value: int) -> float:
+        return 1 / (9 - value)
+
+    def on_a(self, number: Number) -> None:
+        self.status = f"{self.pool.submit(self.half, number.value).result()}"
+
+
+class OtherProgram(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            subprocess.run(["false"], check=True)
+
+
+class WildWrite(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            ctypes.memset(16, 0, number.value)
+
+
+class BusError(Crasher):
+    def on_a(self, number: Number) -> None:
+        if number.value > 6:
+            with tempfile.TemporaryFile() as file:
+                file.truncate(8192)
+                view = mmap.mmap(file.fileno(), 8192)
+                file.truncate(0)
+                self.n += view[5000]
+
+
 class Segfault(Crasher):
     def on_a(self, number: Number) -> None:
         if number.value > 6:
@@ -676,6 +1046,9 @@ KINDS = {
 }
 """The ways to crash, by the names of their classes."""
 del KINDS["Crasher"], KINDS["DeviceCrasher"]
+RESTARTED = ("Restored", "SecondProcess")
+"""Those whose second process crashes, too."""
+SETTINGS = {"DeviceDriver": "port: unused", "ProfileSetting": "words: [a, b, c]"}
 
 
 def profile(names: list[str]) -> str:
@@ -683,15 +1056,15 @@ def profile(names: list[str]) -> str:
     lines = ["modules:"]
     for name in names:
         own, process = ["settings: {}"], ""
-        if name == "Restored":
+        if name in RESTARTED:
             own = ["restart: {policy: on-failure, max_restarts: 1, backoff_s: 0.01}"]
-        elif name == "DeviceDriver":
-            own = ["settings: {port: unused}"]
+        elif name in SETTINGS:
+            own = [f"settings: {{{SETTINGS[name]}}}"]
         elif name in ("Memory", "Allocations"):
             process = ", process_bytes: 4294967296"
         elif name in ("BusyLoop", "Sleeps"):
             own = ["handler_deadline_s: 2"]
-        restart = [] if name == "Restored" else ["restart: {policy: never}"]
+        restart = [] if name in RESTARTED else ["restart: {policy: never}"]
         memory = f"memory: {{history_bytes: 4M{process}}}"
         options = ", ".join([f"class: 'crashes:{name}'", *own, memory, *restart])
         lines.append(f"  {module_name(name)}: {{{options}}}")
