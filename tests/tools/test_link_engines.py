@@ -14,7 +14,6 @@ from tools.test_network.network import Network
         ("link_alone", "zenoh"),
         ("plain_zenoh", "zenoh"),
         ("tcp", "socket"),
-        ("quic", "aioquic"),
         ("dds", "cyclonedds"),
     ],
 )

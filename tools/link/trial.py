@@ -1,7 +1,7 @@
 """Measures what a link keeps of its promises over a bad network. Needs root.
 
     python -m tools.link.trial --seconds 20 --json FILE
-    python -m tools.link.trial --seconds 6 --engines robbie,link_alone,plain_zenoh,tcp,quic,dds
+    python -m tools.link.trial --seconds 6 --engines robbie,link_alone,plain_zenoh,tcp,dds
     python -m tools.link.trial --seconds 10 --engines robbie,router,tls,no_udp --only loss
 
 Two robots run on two hosts of a test network. All the time, bulk messages fill the link, and the laptop sends
