@@ -3,331 +3,174 @@
 How to declare messages, versions, loans and limits: docs/messages.md.
 """
 
-from robbie_mp.messages.calls import Feedback, Goal, Reply, Request, Result
-from robbie_mp.messages.declaration import Upgrade
-from robbie_mp.messages.errors import (
-    BufferTooSmall,
-    DeclarationError,
-    DecodeError,
-    DuplicateType,
-    FieldError,
-    FieldTypeError,
-    FieldValueError,
-    IllFormed,
-    ImmutableMessage,
-    MessageError,
-    NotAMessage,
-    SchemaError,
-    UnknownField,
-    UnknownType,
-    VersionError,
-)
-from robbie_mp.messages.field_types import DEFAULT, FixedLength, MaxLength
-from robbie_mp.messages.flaws import Flaw
-from robbie_mp.messages.loans import Layout, lay_out
-from robbie_mp.messages.message import Message, replace
-from robbie_mp.messages.plain import as_dict, from_dict
-from robbie_mp.messages.primitives import (
-    Array,
-    bool_,
-    byte,
-    char,
-    float32,
-    float64,
-    int8,
-    int16,
-    int32,
-    int64,
-    uint8,
-    uint16,
-    uint32,
-    uint64,
-)
-from robbie_mp.messages.registry import TypeRegistry
-from robbie_mp.messages.schema import nested_types, schema_text
-from robbie_mp.messages.schema_parser import message_type_from_schema
-from robbie_mp.messages.stock.builtin_interfaces import Duration, Time
-from robbie_mp.messages.stock.foxglove_msgs import RawAudio
-from robbie_mp.messages.stock.geometry_msgs import (
-    Point,
-    Pose,
-    PoseStamped,
-    PoseWithCovariance,
-    PoseWithCovarianceStamped,
-    Quaternion,
-    Transform,
-    TransformStamped,
-    Twist,
-    TwistStamped,
-    TwistWithCovariance,
-    Vector3,
-)
-from robbie_mp.messages.stock.link_msgs import (
-    LinkChannel,
-    LinkPeer,
-    LinkRefusal,
-    LinkState,
-    LinkType,
-    LinkTypes,
-    OperatorRequest,
-    OperatorState,
-    RobotAlarm,
-    RobotSummary,
-    ToolReply,
-    ToolRequest,
-)
-from robbie_mp.messages.stock.nav2_msgs import Costmap, CostmapMetaData
-from robbie_mp.messages.stock.nav_msgs import MapMetaData, OccupancyGrid, Odometry, Path
-from robbie_mp.messages.stock.playback_msgs import PlaybackControl, PlaybackState, TimeJump
-from robbie_mp.messages.stock.profiler_msgs import ChannelProfile, ModuleProfile, SystemProfile
-from robbie_mp.messages.stock.rcl_interfaces import Log
-from robbie_mp.messages.stock.registry import stock_registry
-from robbie_mp.messages.stock.robbie_msgs import (
-    AnnotateMap,
-    Bumper,
-    CallRefusal,
-    CallsAnswer,
-    CallsQuestion,
-    CancelNavigation,
-    Clip,
-    ControlSet,
-    ControlState,
-    DeviceState,
-    DriveCommand,
-    EmergencyStop,
-    ForgetRecognition,
-    Frontiers,
-    GoalCancel,
-    GoalEnd,
-    JointCommand,
-    JointLimits,
-    LightSet,
-    LightsState,
-    LocalizationState,
-    MapAnnotated,
-    MapAnnotations,
-    MapAnnotationUndone,
-    MappingState,
-    Mark,
-    ModuleState,
-    NavigateTo,
-    NavigationCancelled,
-    NavigationFeedback,
-    NavigationResult,
-    NoGoArea,
-    PanTiltCommand,
-    PathPlanned,
-    PlanPath,
-    PointOfInterest,
-    PointsOfInterest,
-    RecognitionForgotten,
-    RecognitionTaught,
-    SetControl,
-    SetLight,
-    SettingChange,
-    SettingChanged,
-    SimulatedWorld,
-    TaughtNames,
-    TeachRecognition,
-    Tick,
-    UndoMapAnnotation,
-)
-from robbie_mp.messages.stock.scene_msgs import SceneGraphState, SceneNodeState
-from robbie_mp.messages.stock.sensor_msgs import (
-    BatteryState,
-    CameraInfo,
-    CompressedImage,
-    Image,
-    Imu,
-    JointState,
-    Joy,
-    LaserScan,
-    NavSatFix,
-    NavSatStatus,
-    PointCloud2,
-    PointField,
-    RegionOfInterest,
-)
-from robbie_mp.messages.stock.std_msgs import Header, String
-from robbie_mp.messages.stock.tf2_msgs import TFMessage
-from robbie_mp.messages.stock.vision_msgs import (
-    BoundingBox2D,
-    Detection2D,
-    Detection2DArray,
-    ObjectHypothesis,
-    ObjectHypothesisWithPose,
-    Point2D,
-    Pose2D,
-)
-from robbie_mp.messages.versions import VersionDecoder, decode_version
-from robbie_mp.messages.well_formed import check_well_formed, find_flaw
+from types import ModuleType as _ModuleType
 
-__all__ = [
-    "DEFAULT",
-    "AnnotateMap",
-    "Array",
-    "BatteryState",
-    "BoundingBox2D",
-    "BufferTooSmall",
-    "Bumper",
-    "CallRefusal",
-    "CallsAnswer",
-    "CallsQuestion",
-    "CameraInfo",
-    "CancelNavigation",
-    "ChannelProfile",
-    "Clip",
-    "CompressedImage",
-    "ControlSet",
-    "ControlState",
-    "Costmap",
-    "CostmapMetaData",
-    "DeclarationError",
-    "DecodeError",
-    "Detection2D",
-    "Detection2DArray",
-    "DeviceState",
-    "DriveCommand",
-    "DuplicateType",
-    "Duration",
-    "EmergencyStop",
-    "Feedback",
-    "FieldError",
-    "FieldTypeError",
-    "FieldValueError",
-    "FixedLength",
-    "Flaw",
-    "ForgetRecognition",
-    "Frontiers",
-    "Goal",
-    "GoalCancel",
-    "GoalEnd",
-    "Header",
-    "IllFormed",
-    "Image",
-    "ImmutableMessage",
-    "Imu",
-    "JointCommand",
-    "JointLimits",
-    "JointState",
-    "Joy",
-    "LaserScan",
-    "Layout",
-    "LightSet",
-    "LightsState",
-    "LinkChannel",
-    "LinkPeer",
-    "LinkRefusal",
-    "LinkState",
-    "LinkType",
-    "LinkTypes",
-    "LocalizationState",
-    "Log",
-    "MapAnnotated",
-    "MapAnnotationUndone",
-    "MapAnnotations",
-    "MapMetaData",
-    "MappingState",
-    "Mark",
-    "MaxLength",
-    "Message",
-    "MessageError",
-    "ModuleProfile",
-    "ModuleState",
-    "NavSatFix",
-    "NavSatStatus",
-    "NavigateTo",
-    "NavigationCancelled",
-    "NavigationFeedback",
-    "NavigationResult",
-    "NoGoArea",
-    "NotAMessage",
-    "ObjectHypothesis",
-    "ObjectHypothesisWithPose",
-    "OccupancyGrid",
-    "Odometry",
-    "OperatorRequest",
-    "OperatorState",
-    "PanTiltCommand",
-    "Path",
-    "PathPlanned",
-    "PlanPath",
-    "PlaybackControl",
-    "PlaybackState",
-    "Point",
-    "Point2D",
-    "PointCloud2",
-    "PointField",
-    "PointOfInterest",
-    "PointsOfInterest",
-    "Pose",
-    "Pose2D",
-    "PoseStamped",
-    "PoseWithCovariance",
-    "PoseWithCovarianceStamped",
-    "Quaternion",
-    "RawAudio",
-    "RecognitionForgotten",
-    "RecognitionTaught",
-    "RegionOfInterest",
-    "Reply",
-    "Request",
-    "Result",
-    "RobotAlarm",
-    "RobotSummary",
-    "SceneGraphState",
-    "SceneNodeState",
-    "SchemaError",
-    "SetControl",
-    "SetLight",
-    "SettingChange",
-    "SettingChanged",
-    "SimulatedWorld",
-    "String",
-    "SystemProfile",
-    "TFMessage",
-    "TaughtNames",
-    "TeachRecognition",
-    "Tick",
-    "Time",
-    "TimeJump",
-    "ToolReply",
-    "ToolRequest",
-    "Transform",
-    "TransformStamped",
-    "Twist",
-    "TwistStamped",
-    "TwistWithCovariance",
-    "TypeRegistry",
-    "UndoMapAnnotation",
-    "UnknownField",
-    "UnknownType",
-    "Upgrade",
-    "Vector3",
-    "VersionDecoder",
-    "VersionError",
-    "as_dict",
-    "bool_",
-    "byte",
-    "char",
-    "check_well_formed",
-    "decode_version",
-    "find_flaw",
-    "float32",
-    "float64",
-    "from_dict",
-    "int8",
-    "int16",
-    "int32",
-    "int64",
-    "lay_out",
-    "message_type_from_schema",
-    "nested_types",
-    "replace",
-    "schema_text",
-    "stock_registry",
-    "uint8",
-    "uint16",
-    "uint32",
-    "uint64",
-]
+from robbie_mp.messages.calls import Feedback as Feedback
+from robbie_mp.messages.calls import Goal as Goal
+from robbie_mp.messages.calls import Reply as Reply
+from robbie_mp.messages.calls import Request as Request
+from robbie_mp.messages.calls import Result as Result
+from robbie_mp.messages.declaration import Upgrade as Upgrade
+from robbie_mp.messages.errors import BufferTooSmall as BufferTooSmall
+from robbie_mp.messages.errors import DeclarationError as DeclarationError
+from robbie_mp.messages.errors import DecodeError as DecodeError
+from robbie_mp.messages.errors import DuplicateType as DuplicateType
+from robbie_mp.messages.errors import FieldError as FieldError
+from robbie_mp.messages.errors import FieldTypeError as FieldTypeError
+from robbie_mp.messages.errors import FieldValueError as FieldValueError
+from robbie_mp.messages.errors import IllFormed as IllFormed
+from robbie_mp.messages.errors import ImmutableMessage as ImmutableMessage
+from robbie_mp.messages.errors import MessageError as MessageError
+from robbie_mp.messages.errors import NotAMessage as NotAMessage
+from robbie_mp.messages.errors import SchemaError as SchemaError
+from robbie_mp.messages.errors import UnknownField as UnknownField
+from robbie_mp.messages.errors import UnknownType as UnknownType
+from robbie_mp.messages.errors import VersionError as VersionError
+from robbie_mp.messages.field_types import DEFAULT as DEFAULT
+from robbie_mp.messages.field_types import FixedLength as FixedLength
+from robbie_mp.messages.field_types import MaxLength as MaxLength
+from robbie_mp.messages.flaws import Flaw as Flaw
+from robbie_mp.messages.loans import Layout as Layout
+from robbie_mp.messages.loans import lay_out as lay_out
+from robbie_mp.messages.message import Message as Message
+from robbie_mp.messages.message import replace as replace
+from robbie_mp.messages.plain import as_dict as as_dict
+from robbie_mp.messages.plain import from_dict as from_dict
+from robbie_mp.messages.primitives import Array as Array
+from robbie_mp.messages.primitives import bool_ as bool_
+from robbie_mp.messages.primitives import byte as byte
+from robbie_mp.messages.primitives import char as char
+from robbie_mp.messages.primitives import float32 as float32
+from robbie_mp.messages.primitives import float64 as float64
+from robbie_mp.messages.primitives import int8 as int8
+from robbie_mp.messages.primitives import int16 as int16
+from robbie_mp.messages.primitives import int32 as int32
+from robbie_mp.messages.primitives import int64 as int64
+from robbie_mp.messages.primitives import uint8 as uint8
+from robbie_mp.messages.primitives import uint16 as uint16
+from robbie_mp.messages.primitives import uint32 as uint32
+from robbie_mp.messages.primitives import uint64 as uint64
+from robbie_mp.messages.registry import TypeRegistry as TypeRegistry
+from robbie_mp.messages.schema import nested_types as nested_types
+from robbie_mp.messages.schema import schema_text as schema_text
+from robbie_mp.messages.schema_parser import message_type_from_schema as message_type_from_schema
+from robbie_mp.messages.stock.builtin_interfaces import Duration as Duration
+from robbie_mp.messages.stock.builtin_interfaces import Time as Time
+from robbie_mp.messages.stock.foxglove_msgs import RawAudio as RawAudio
+from robbie_mp.messages.stock.geometry_msgs import Point as Point
+from robbie_mp.messages.stock.geometry_msgs import Pose as Pose
+from robbie_mp.messages.stock.geometry_msgs import PoseStamped as PoseStamped
+from robbie_mp.messages.stock.geometry_msgs import PoseWithCovariance as PoseWithCovariance
+from robbie_mp.messages.stock.geometry_msgs import PoseWithCovarianceStamped as PoseWithCovarianceStamped
+from robbie_mp.messages.stock.geometry_msgs import Quaternion as Quaternion
+from robbie_mp.messages.stock.geometry_msgs import Transform as Transform
+from robbie_mp.messages.stock.geometry_msgs import TransformStamped as TransformStamped
+from robbie_mp.messages.stock.geometry_msgs import Twist as Twist
+from robbie_mp.messages.stock.geometry_msgs import TwistStamped as TwistStamped
+from robbie_mp.messages.stock.geometry_msgs import TwistWithCovariance as TwistWithCovariance
+from robbie_mp.messages.stock.geometry_msgs import Vector3 as Vector3
+from robbie_mp.messages.stock.link_msgs import LinkChannel as LinkChannel
+from robbie_mp.messages.stock.link_msgs import LinkPeer as LinkPeer
+from robbie_mp.messages.stock.link_msgs import LinkRefusal as LinkRefusal
+from robbie_mp.messages.stock.link_msgs import LinkState as LinkState
+from robbie_mp.messages.stock.link_msgs import LinkType as LinkType
+from robbie_mp.messages.stock.link_msgs import LinkTypes as LinkTypes
+from robbie_mp.messages.stock.link_msgs import OperatorRequest as OperatorRequest
+from robbie_mp.messages.stock.link_msgs import OperatorState as OperatorState
+from robbie_mp.messages.stock.link_msgs import RobotAlarm as RobotAlarm
+from robbie_mp.messages.stock.link_msgs import RobotSummary as RobotSummary
+from robbie_mp.messages.stock.link_msgs import ToolReply as ToolReply
+from robbie_mp.messages.stock.link_msgs import ToolRequest as ToolRequest
+from robbie_mp.messages.stock.nav2_msgs import Costmap as Costmap
+from robbie_mp.messages.stock.nav2_msgs import CostmapMetaData as CostmapMetaData
+from robbie_mp.messages.stock.nav_msgs import MapMetaData as MapMetaData
+from robbie_mp.messages.stock.nav_msgs import OccupancyGrid as OccupancyGrid
+from robbie_mp.messages.stock.nav_msgs import Odometry as Odometry
+from robbie_mp.messages.stock.nav_msgs import Path as Path
+from robbie_mp.messages.stock.playback_msgs import PlaybackControl as PlaybackControl
+from robbie_mp.messages.stock.playback_msgs import PlaybackState as PlaybackState
+from robbie_mp.messages.stock.playback_msgs import TimeJump as TimeJump
+from robbie_mp.messages.stock.profiler_msgs import ChannelProfile as ChannelProfile
+from robbie_mp.messages.stock.profiler_msgs import ModuleProfile as ModuleProfile
+from robbie_mp.messages.stock.profiler_msgs import SystemProfile as SystemProfile
+from robbie_mp.messages.stock.rcl_interfaces import Log as Log
+from robbie_mp.messages.stock.registry import stock_registry as stock_registry
+from robbie_mp.messages.stock.robbie_msgs import AnnotateMap as AnnotateMap
+from robbie_mp.messages.stock.robbie_msgs import Bumper as Bumper
+from robbie_mp.messages.stock.robbie_msgs import CallRefusal as CallRefusal
+from robbie_mp.messages.stock.robbie_msgs import CallsAnswer as CallsAnswer
+from robbie_mp.messages.stock.robbie_msgs import CallsQuestion as CallsQuestion
+from robbie_mp.messages.stock.robbie_msgs import CancelNavigation as CancelNavigation
+from robbie_mp.messages.stock.robbie_msgs import Clip as Clip
+from robbie_mp.messages.stock.robbie_msgs import ControlSet as ControlSet
+from robbie_mp.messages.stock.robbie_msgs import ControlState as ControlState
+from robbie_mp.messages.stock.robbie_msgs import DeviceState as DeviceState
+from robbie_mp.messages.stock.robbie_msgs import DriveCommand as DriveCommand
+from robbie_mp.messages.stock.robbie_msgs import EmergencyStop as EmergencyStop
+from robbie_mp.messages.stock.robbie_msgs import ForgetRecognition as ForgetRecognition
+from robbie_mp.messages.stock.robbie_msgs import Frontiers as Frontiers
+from robbie_mp.messages.stock.robbie_msgs import GoalCancel as GoalCancel
+from robbie_mp.messages.stock.robbie_msgs import GoalEnd as GoalEnd
+from robbie_mp.messages.stock.robbie_msgs import JointCommand as JointCommand
+from robbie_mp.messages.stock.robbie_msgs import JointLimits as JointLimits
+from robbie_mp.messages.stock.robbie_msgs import LightSet as LightSet
+from robbie_mp.messages.stock.robbie_msgs import LightsState as LightsState
+from robbie_mp.messages.stock.robbie_msgs import LocalizationState as LocalizationState
+from robbie_mp.messages.stock.robbie_msgs import MapAnnotated as MapAnnotated
+from robbie_mp.messages.stock.robbie_msgs import MapAnnotations as MapAnnotations
+from robbie_mp.messages.stock.robbie_msgs import MapAnnotationUndone as MapAnnotationUndone
+from robbie_mp.messages.stock.robbie_msgs import MappingState as MappingState
+from robbie_mp.messages.stock.robbie_msgs import Mark as Mark
+from robbie_mp.messages.stock.robbie_msgs import ModuleState as ModuleState
+from robbie_mp.messages.stock.robbie_msgs import NavigateTo as NavigateTo
+from robbie_mp.messages.stock.robbie_msgs import NavigationCancelled as NavigationCancelled
+from robbie_mp.messages.stock.robbie_msgs import NavigationFeedback as NavigationFeedback
+from robbie_mp.messages.stock.robbie_msgs import NavigationResult as NavigationResult
+from robbie_mp.messages.stock.robbie_msgs import NoGoArea as NoGoArea
+from robbie_mp.messages.stock.robbie_msgs import PanTiltCommand as PanTiltCommand
+from robbie_mp.messages.stock.robbie_msgs import PathPlanned as PathPlanned
+from robbie_mp.messages.stock.robbie_msgs import PlanPath as PlanPath
+from robbie_mp.messages.stock.robbie_msgs import PointOfInterest as PointOfInterest
+from robbie_mp.messages.stock.robbie_msgs import PointsOfInterest as PointsOfInterest
+from robbie_mp.messages.stock.robbie_msgs import RecognitionForgotten as RecognitionForgotten
+from robbie_mp.messages.stock.robbie_msgs import RecognitionTaught as RecognitionTaught
+from robbie_mp.messages.stock.robbie_msgs import SetControl as SetControl
+from robbie_mp.messages.stock.robbie_msgs import SetLight as SetLight
+from robbie_mp.messages.stock.robbie_msgs import SettingChange as SettingChange
+from robbie_mp.messages.stock.robbie_msgs import SettingChanged as SettingChanged
+from robbie_mp.messages.stock.robbie_msgs import SimulatedWorld as SimulatedWorld
+from robbie_mp.messages.stock.robbie_msgs import TaughtNames as TaughtNames
+from robbie_mp.messages.stock.robbie_msgs import TeachRecognition as TeachRecognition
+from robbie_mp.messages.stock.robbie_msgs import Tick as Tick
+from robbie_mp.messages.stock.robbie_msgs import UndoMapAnnotation as UndoMapAnnotation
+from robbie_mp.messages.stock.scene_msgs import SceneGraphState as SceneGraphState
+from robbie_mp.messages.stock.scene_msgs import SceneNodeState as SceneNodeState
+from robbie_mp.messages.stock.sensor_msgs import BatteryState as BatteryState
+from robbie_mp.messages.stock.sensor_msgs import CameraInfo as CameraInfo
+from robbie_mp.messages.stock.sensor_msgs import CompressedImage as CompressedImage
+from robbie_mp.messages.stock.sensor_msgs import Image as Image
+from robbie_mp.messages.stock.sensor_msgs import Imu as Imu
+from robbie_mp.messages.stock.sensor_msgs import JointState as JointState
+from robbie_mp.messages.stock.sensor_msgs import Joy as Joy
+from robbie_mp.messages.stock.sensor_msgs import LaserScan as LaserScan
+from robbie_mp.messages.stock.sensor_msgs import NavSatFix as NavSatFix
+from robbie_mp.messages.stock.sensor_msgs import NavSatStatus as NavSatStatus
+from robbie_mp.messages.stock.sensor_msgs import PointCloud2 as PointCloud2
+from robbie_mp.messages.stock.sensor_msgs import PointField as PointField
+from robbie_mp.messages.stock.sensor_msgs import RegionOfInterest as RegionOfInterest
+from robbie_mp.messages.stock.std_msgs import Header as Header
+from robbie_mp.messages.stock.std_msgs import String as String
+from robbie_mp.messages.stock.tf2_msgs import TFMessage as TFMessage
+from robbie_mp.messages.stock.vision_msgs import BoundingBox2D as BoundingBox2D
+from robbie_mp.messages.stock.vision_msgs import Detection2D as Detection2D
+from robbie_mp.messages.stock.vision_msgs import Detection2DArray as Detection2DArray
+from robbie_mp.messages.stock.vision_msgs import ObjectHypothesis as ObjectHypothesis
+from robbie_mp.messages.stock.vision_msgs import ObjectHypothesisWithPose as ObjectHypothesisWithPose
+from robbie_mp.messages.stock.vision_msgs import Point2D as Point2D
+from robbie_mp.messages.stock.vision_msgs import Pose2D as Pose2D
+from robbie_mp.messages.versions import VersionDecoder as VersionDecoder
+from robbie_mp.messages.versions import decode_version as decode_version
+from robbie_mp.messages.well_formed import check_well_formed as check_well_formed
+from robbie_mp.messages.well_formed import find_flaw as find_flaw
+
+__all__ = [name for name, value in vars().items() if name[0] != "_" and not isinstance(value, _ModuleType)]
