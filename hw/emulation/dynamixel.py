@@ -1,17 +1,16 @@
-"""Emulated Dynamixel servos of the X series with protocol 2.0, on one line.
+"""Emulated Dynamixel servos of the X series with protocol 2.0, on one line: what the driver asks of them.
 
 Source: Robotis, e-Manual: Dynamixel Protocol 2.0, and the control table of the X series.
 """
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 HEADER = b"\xff\xff\xfd\x00"
 EVERYBODY = 0xFE
-PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, STATUS = 1, 2, 3, 4, 5, 6, 8, 0x55
-SYNC_READ, SYNC_WRITE, BULK_READ, BULK_WRITE = 0x82, 0x83, 0x92, 0x93
+PING, READ, WRITE, STATUS, SYNC_READ, SYNC_WRITE = 1, 2, 3, 0x55, 0x82, 0x83
 RESULT_FAIL, INSTRUCTION_ERROR, CRC_ERROR, RANGE_ERROR, LENGTH_ERROR, LIMIT_ERROR, ACCESS_ERROR = range(1, 8)
 ALERT = 0x80
 TABLE_BYTES = 661
@@ -54,7 +53,6 @@ class Servo:
             self.put(INDIRECT + 2 * place, INDIRECT_DATA + place, 2)
         self.put(POSITION, round(self.steps))
         self.heard_s = 0.0
-        self.registered: tuple[int, bytes] | None = None
 
     def get(self, address: int, size: int = 4) -> int:
         """Return a signed number of the table."""
@@ -189,13 +187,11 @@ class EmulatedServos(EmulatedDevice):
             address, length = struct.unpack_from("<HH", data)
             for one in data[4:]:
                 self._read(one, address, length)
-        elif instruction == BULK_READ:
-            for one, address, length in struct.iter_unpack("<BHH", data):
-                self._read(one, address, length)
-        elif instruction in (SYNC_WRITE, BULK_WRITE):
-            for one, address, written in _writes(instruction, data):
-                if one in self.servos:
-                    self.servos[one].write(address, written)
+        elif instruction == SYNC_WRITE:
+            address, length = struct.unpack_from("<HH", data)
+            for at in range(4, len(data), 1 + length):
+                if data[at] in self.servos:
+                    self.servos[data[at]].write(address, data[at + 1 : at + 1 + length])
         else:
             for one in list(self.servos) if number == EVERYBODY else [number]:
                 if one in self.servos:
@@ -209,20 +205,8 @@ class EmulatedServos(EmulatedDevice):
             self._read(servo.number, *struct.unpack("<HH", data))
             return
         error = INSTRUCTION_ERROR
-        if instruction in (WRITE, REG_WRITE) and len(data) > 2:
-            address, written = int.from_bytes(data[:2], "little"), data[2:]
-            if instruction == WRITE:
-                error = servo.write(address, written)
-            else:
-                servo.registered, error = (address, written), 0
-        elif instruction == ACTION and servo.registered is not None:
-            error, servo.registered = servo.write(*servo.registered), None
-        elif instruction == ACTION:
-            error = RESULT_FAIL
-        elif instruction == REBOOT:
-            error = 0
-            servo.power_on()
-            servo.heard_s = self.clock.now_s()
+        if instruction == WRITE and len(data) > 2:
+            error = servo.write(int.from_bytes(data[:2], "little"), data[2:])
         if not is_for_all:
             self._answer(servo.number, error)
 
@@ -239,20 +223,6 @@ class EmulatedServos(EmulatedDevice):
         contents = contents.replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
         packet = HEADER + bytes([number]) + (len(contents) + 2).to_bytes(2, "little") + contents
         self.send(packet + crc16(packet).to_bytes(2, "little"))
-
-
-def _writes(instruction: int, data: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """Return servo, address and bytes of each part of a write to several servos."""
-    if instruction == SYNC_WRITE:
-        address, length = struct.unpack_from("<HH", data)
-        for at in range(4, len(data), 1 + length):
-            yield data[at], address, data[at + 1 : at + 1 + length]
-        return
-    at = 0
-    while at + 5 <= len(data):
-        one, address, length = struct.unpack_from("<BHH", data, at)
-        yield one, address, data[at + 5 : at + 5 + length]
-        at += 5 + length
 
 
 def crc16(data: bytes) -> int:

@@ -1,4 +1,4 @@
-"""Emulated Dynamixel servos with protocol 1.0, on one line.
+"""Emulated Dynamixel servos with protocol 1.0, on one line: what the driver asks of them.
 
 Source: Robotis, e-Manual: Dynamixel Protocol 1.0, and the control tables of AX-12A and MX-28.
 """
@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 EVERYBODY = 0xFE
-PING, READ, WRITE, REG_WRITE, ACTION, RESET, SYNC_WRITE, BULK_READ = 1, 2, 3, 4, 5, 6, 0x83, 0x92
+PING, READ, WRITE, SYNC_WRITE, BULK_READ = 1, 2, 3, 0x83, 0x92
 ANGLE_LIMIT, RANGE, CHECKSUM, INSTRUCTION = 2, 8, 16, 64
 TABLE_BYTES = 50
 NUMBER, BAUD, CW_LIMIT, CCW_LIMIT, ANSWERS_TO = 3, 4, 6, 8, 16
 TORQUE, GOAL, SPEED, TORQUE_LIMIT = 24, 30, 32, 34
-POSITION, PRESENT_SPEED, LOAD, VOLTAGE, TEMPERATURE, REGISTERED, MOVING = 36, 38, 40, 42, 43, 44, 46
+POSITION, PRESENT_SPEED, LOAD, VOLTAGE, TEMPERATURE, MOVING = 36, 38, 40, 42, 43, 46
 READ_ONLY = (0, 1, 2, *range(POSITION, MOVING + 1))
 EEPROM_END = 24
 # Steps in a turn, the greatest position, and the speed of 1 in steps per second, by the model's number.
@@ -40,7 +40,6 @@ class OldServo:
         self.greatest, self.steps_per_s = SHAPES[model]
         self.steps = float(self.greatest // 2 + 1)
         self.errors = 0
-        self.registered: tuple[int, bytes] | None = None
         self.power_on()
 
     def power_on(self) -> None:
@@ -56,7 +55,6 @@ class OldServo:
         self.table[VOLTAGE], self.table[TEMPERATURE] = 120, 30
         self.put(GOAL, round(self.steps))
         self.put(POSITION, round(self.steps))
-        self.registered = None
 
     def get(self, address: int) -> int:
         """Return a number of two bytes."""
@@ -185,14 +183,7 @@ class EmulatedOldServos(EmulatedDevice):
         error = 0
         if instruction == WRITE and data:
             error = servo.write(data[0], data[1:])
-        elif instruction == REG_WRITE and data:
-            servo.registered, servo.table[REGISTERED] = (data[0], data[1:]), 1
-        elif instruction == ACTION and servo.registered is not None:
-            error = servo.write(*servo.registered)
-            servo.registered, servo.table[REGISTERED] = None, 0
-        elif instruction == RESET:
-            servo.power_on()
-        elif instruction not in (PING, ACTION):
+        elif instruction != PING:
             error = INSTRUCTION
         # A ping is always answered, other instructions only if the servo was told so.
         if not is_for_all and (instruction == PING or servo.table[ANSWERS_TO] == 2):
