@@ -3,14 +3,14 @@
 Source: Robotis, Dynamixel Protocol 1.0 (e-Manual).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from enum import IntFlag
 from typing import NamedTuple
 
 from robbie_robots.hw.framing import DamagedFrame, Framing
 
 BROADCAST = 0xFE
-_PING, _READ, _WRITE, _REG_WRITE, _ACTION, _RESET, _SYNC_WRITE, _BULK_READ = 1, 2, 3, 4, 5, 6, 0x83, 0x92
+_READ, _SYNC_WRITE = 2, 0x83
 
 
 class ServoError(IntFlag):
@@ -50,29 +50,9 @@ def packet(servo: int, code: int, parameters: bytes = b"") -> bytes:
     return b"\xff\xff" + body + bytes([checksum(body)])
 
 
-def ping(servo: int) -> bytes:
-    """Return the question whether a servo is there."""
-    return packet(servo, _PING)
-
-
 def read(servo: int, address: int, length: int) -> bytes:
     """Return the question for `length` bytes of a servo's table."""
     return packet(servo, _READ, bytes([address, length]))
-
-
-def write(servo: int, address: int, data: bytes) -> bytes:
-    """Return the command to write into a servo's table."""
-    return packet(servo, _WRITE, bytes([address]) + data)
-
-
-def register_write(servo: int, address: int, data: bytes) -> bytes:
-    """Return the command to write when `action` follows."""
-    return packet(servo, _REG_WRITE, bytes([address]) + data)
-
-
-def action() -> bytes:
-    """Return the command to all servos to do what `register_write` has asked."""
-    return packet(BROADCAST, _ACTION)
 
 
 def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
@@ -86,12 +66,6 @@ def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
     for servo, values in data.items():
         parameters += bytes([servo]) + values
     return packet(BROADCAST, _SYNC_WRITE, parameters)
-
-
-def bulk_read(wanted: Sequence[tuple[int, int, int]]) -> bytes:
-    """Return the question to several servos: servo, address and length of each."""
-    parameters = b"".join(bytes([length, servo, address]) for servo, address, length in wanted)
-    return packet(BROADCAST, _BULK_READ, b"\0" + parameters)
 
 
 class Protocol1Framing(Framing[Packet1]):

@@ -5,7 +5,6 @@ Source: Robotis, Dynamixel Protocol 2.0 (e-Manual).
 
 import struct
 from collections.abc import Mapping, Sequence
-from enum import IntEnum
 from typing import NamedTuple
 
 from robbie_robots.hw.framing import DamagedFrame, Framing
@@ -14,23 +13,9 @@ HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
 # A longer packet does not fit the servos' own buffers.
 MAX_PACKET_BYTES = 1_024
-_PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT, _STATUS = 1, 2, 3, 4, 5, 8, 0x55
-_SYNC_READ, _SYNC_WRITE, _BULK_READ, _BULK_WRITE = 0x82, 0x83, 0x92, 0x93
+_STATUS, _SYNC_READ, _SYNC_WRITE = 0x55, 0x82, 0x83
 _STUFFED = b"\xff\xff\xfd"
 ALERT = 0x80
-
-
-class StatusError(IntEnum):
-    """Why a servo refuses a command; its answer may have the bit `ALERT` besides."""
-
-    NONE = 0
-    RESULT = 1
-    INSTRUCTION = 2
-    CRC = 3
-    RANGE = 4
-    LENGTH = 5
-    LIMIT = 6
-    ACCESS = 7
 
 
 class Packet2(NamedTuple):
@@ -91,26 +76,6 @@ def packet(servo: int, instruction: int, parameters: bytes = b"") -> bytes:
     return whole + struct.pack("<H", crc(whole))
 
 
-def ping(servo: int = BROADCAST) -> bytes:
-    """Return the question whether a servo is there, or which servos are."""
-    return packet(servo, _PING)
-
-
-def reboot(servo: int) -> bytes:
-    """Return the command to start a servo again, which clears its hardware errors."""
-    return packet(servo, _REBOOT)
-
-
-def read(servo: int, address: int, length: int) -> bytes:
-    """Return the question for `length` bytes of a servo's table."""
-    return packet(servo, _READ, struct.pack("<HH", address, length))
-
-
-def write(servo: int, address: int, data: bytes) -> bytes:
-    """Return the command to write into a servo's table."""
-    return packet(servo, _WRITE, struct.pack("<H", address) + data)
-
-
 def sync_read(address: int, length: int, servos: Sequence[int]) -> bytes:
     """Return the question for the same bytes of several servos; each answers, in this order."""
     return packet(BROADCAST, _SYNC_READ, struct.pack("<HH", address, length) + bytes(servos))
@@ -129,22 +94,6 @@ def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
     for servo, values in data.items():
         parameters += bytes([servo]) + values
     return packet(BROADCAST, _SYNC_WRITE, parameters)
-
-
-def bulk_read(wanted: Sequence[tuple[int, int, int]]) -> bytes:
-    """Return the question to several servos: servo, address and length of each."""
-    return packet(BROADCAST, _BULK_READ, b"".join(struct.pack("<BHH", *each) for each in wanted))
-
-
-def indirect_addresses(servo: int, first: int, addresses: Sequence[int]) -> bytes:
-    """Return the command that has a servo show these addresses one behind the other in its indirect data.
-
-    Args:
-        servo: the servo's number.
-        first: where its table of indirect addresses begins (168 in X servos).
-        addresses: the addresses to show; one for each byte.
-    """
-    return write(servo, first, struct.pack(f"<{len(addresses)}H", *addresses))
 
 
 class Protocol2Framing(Framing[Packet2]):

@@ -15,12 +15,8 @@ STREAM_HEADER = 0x13
 # What the robot can send in the 15 ms between two frames of the stream, at 115,200 baud.
 MAX_STREAM_BYTES = 172
 MAX_SPEED_MM_PER_S = 500
-MAX_RADIUS_MM = 2_000
 MAX_SONG_NOTES = 16
 # Radius of a straight line, and of turns on the spot.
-STRAIGHT = -0x8000
-CLOCKWISE = -1
-COUNTERCLOCKWISE = 1
 
 
 class OpenInterfaceError(ValueError):
@@ -138,31 +134,9 @@ def safe() -> bytes:
     return b"\x83"
 
 
-def full() -> bytes:
-    """Return the command for full mode: the robot obeys whatever happens."""
-    return b"\x84"
-
-
-def reset() -> bytes:
-    """Return the command that restarts the robot's computer."""
-    return b"\x07"
-
-
 def seek_dock() -> bytes:
     """Return the command that sends the robot to its dock."""
     return b"\x8f"
-
-
-def drive(speed_mm_per_s: int, radius_mm: int) -> bytes:
-    """Return the command to drive an arc; a positive radius turns left.
-
-    Raises:
-        OpenInterfaceError: a value is out of range.
-    """
-    _check("speed_mm_per_s", speed_mm_per_s, -MAX_SPEED_MM_PER_S, MAX_SPEED_MM_PER_S)
-    if radius_mm not in (STRAIGHT, 0x7FFF):
-        _check("radius_mm", radius_mm, -MAX_RADIUS_MM, MAX_RADIUS_MM)
-    return struct.pack(">Bhh", 137, speed_mm_per_s, radius_mm)
 
 
 def drive_direct(left_mm_per_s: int, right_mm_per_s: int) -> bytes:
@@ -235,17 +209,6 @@ def stream(numbers: Sequence[int]) -> bytes:
 def pause_stream() -> bytes:
     """Return the command that pauses the stream."""
     return b"\x96\x00"
-
-
-def query(numbers: Sequence[int]) -> bytes:
-    """Return the command that asks once for these packets; the answer is their values without any frame.
-
-    Raises:
-        OpenInterfaceError: a packet does not exist.
-    """
-    for number in numbers:
-        packets_of(number)
-    return bytes([149, len(numbers), *numbers])
 
 
 def checksum(data: Iterable[int]) -> int:

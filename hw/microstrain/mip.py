@@ -100,11 +100,6 @@ def packet(descriptor_set: int, fields: Sequence[MipField]) -> bytes:
     return body + checksum(body)
 
 
-def ping() -> bytes:
-    """Return the command that asks whether the unit is there."""
-    return packet(DescriptorSet.BASE, [MipField(0x01, b"")])
-
-
 def set_idle() -> bytes:
     """Return the command that stops the unit's stream."""
     return packet(DescriptorSet.BASE, [MipField(0x02, b"")])

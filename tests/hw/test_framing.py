@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robbie_robots.hw.framing import FrameDecoder
-from robbie_robots.hw.microstrain.mip import MipFraming, ping
+from robbie_robots.hw.microstrain.mip import MipFraming, set_idle
 from robbie_robots.hw.xsens.xbus import XbusFraming, XbusMessage, message
 
 ONE = message(0x36, b"one")
@@ -59,7 +59,7 @@ def test_reset_forgets_an_unfinished_frame() -> None:
 @given(st.binary(max_size=200), st.integers(1, 20))
 def test_every_byte_is_in_a_frame_or_skipped_or_waiting(noise: bytes, size: int) -> None:
     decoder = FrameDecoder(MipFraming())
-    data = noise + ping() * 2
+    data = noise + set_idle() * 2
     for position in range(0, len(data), size):
         decoder.feed(data[position : position + size])
     before = decoder.skipped_bytes

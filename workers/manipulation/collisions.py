@@ -19,7 +19,6 @@ Floats = NDArray[np.float64]
 
 SELF_MARGIN_M = 0.005
 """Parts of the robot keep this far from one another."""
-HELD = "(held)"
 
 
 @dataclass(frozen=True)

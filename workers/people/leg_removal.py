@@ -14,8 +14,6 @@ from robbie_robots.workers.laser.laser_sweep import LaserSweep
 from robbie_robots.workers.people.leg_classifier import LegClassifier
 from robbie_robots.workers.people.leg_segments import Pieces, cut_scan, find_segments
 
-Array = NDArray[np.float64]
-
 NARROW_M = 0.35
 """Wider pieces of a scan are neither a leg nor two legs side by side."""
 BESIDE_M = 0.4

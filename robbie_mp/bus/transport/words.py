@@ -95,11 +95,6 @@ def row_reader(words: Words, count: int) -> Callable[[int], tuple[int, ...]]:
     return read
 
 
-def words_for_text(size_bytes: int) -> int:
-    """Return the words that a text of at most `size_bytes` bytes needs, including its length."""
-    return 1 + (size_bytes + WORD_BYTES - 1) // WORD_BYTES
-
-
 def write_text(words: Words, at: int, capacity_words: int, text: str) -> None:
     """Write a text into `capacity_words` words from `at`, cut off after the last character that fits.
 

@@ -12,7 +12,7 @@ from robbie_mp.bus.transport.layout import SegmentKind
 from robbie_mp.bus.transport.ring import RingPlace
 from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMissing, SharedMemoryFull
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, make_folder, remove_names
-from robbie_mp.bus.transport.words import read_text, words_for_text, write_text
+from robbie_mp.bus.transport.words import read_text, write_text
 from tests._support.growth import blocks_kept
 from tests._support.implementations import NATIVE
 
@@ -154,7 +154,7 @@ def test_attaching_keeps_no_descriptor(segment: Segment) -> None:
 @pytest.mark.parametrize("text", ["", "laser", "äöü" * 10, "x" * 500])
 def test_texts_survive_or_are_cut_at_a_character(text: str) -> None:
     words = [0] * 40
-    capacity = words_for_text(64)
+    capacity = 1 + 64 // 8  # words: the length, and 64 bytes
     write_text(words, 3, capacity, text)
     found = read_text(words, 3, capacity)
     assert text.startswith(found)

@@ -14,16 +14,13 @@ def decoded(data: bytes) -> list[Packet1]:
 @pytest.mark.parametrize(
     ("ours", "expected"),
     [
-        (protocol.ping(1), "FF FF 01 02 01 FB"),
+        (protocol.packet(1, 1), "FF FF 01 02 01 FB"),
         (protocol.read(1, 0x2B, 1), "FF FF 01 04 02 2B 01 CC"),
-        (protocol.write(0xFE, 3, b"\x01"), "FF FF FE 04 03 03 01 F6"),
-        (protocol.register_write(1, 0x1E, b"\xf4\x01"), "FF FF 01 05 04 1E F4 01 E2"),
-        (protocol.action(), "FF FF FE 02 05 FA"),
+        (protocol.packet(0xFE, 3, b"\x03\x01"), "FF FF FE 04 03 03 01 F6"),
         (
             protocol.sync_write(0x1E, {0: bytes.fromhex("10 00 50 01"), 1: bytes.fromhex("20 02 60 03")}),
             "FF FF FE 0E 83 1E 04 00 10 00 50 01 01 20 02 60 03 67",
         ),
-        (protocol.bulk_read([(1, 0x1E, 2), (2, 0x24, 2)]), "FF FF FE 09 92 00 02 01 1E 02 02 24 1D"),
     ],
 )
 def test_packets_have_the_bytes_of_the_manual_both_ways(ours: bytes, expected: str) -> None:
@@ -40,7 +37,7 @@ def test_answers_of_the_manual_are_decoded() -> None:
 
 
 def test_header_with_one_byte_too_many_is_found() -> None:
-    assert decoded(b"\xff" + protocol.ping(1)) == [Packet1(1, 1, b"")]
+    assert decoded(b"\xff" + protocol.packet(1, 1)) == [Packet1(1, 1, b"")]
 
 
 def test_different_lengths_are_refused() -> None:

@@ -6,16 +6,6 @@ from robbie_robots.hw.framing import FrameDecoder
 from robbie_robots.hw.irobot import open_interface as oi
 
 
-def test_example_of_the_specification_for_drive() -> None:
-    assert oi.drive(-200, 500) == bytes.fromhex("89 FF 38 01 F4")
-
-
-def test_straight_line_and_turns_on_the_spot_have_their_own_radius() -> None:
-    assert oi.drive(100, oi.STRAIGHT)[3:] == bytes.fromhex("80 00")
-    assert oi.drive(100, oi.CLOCKWISE)[3:] == bytes.fromhex("FF FF")
-    assert oi.drive(100, oi.COUNTERCLOCKWISE)[3:] == bytes.fromhex("00 01")
-
-
 def test_right_wheel_comes_first_in_direct_drive() -> None:
     assert oi.drive_direct(left_mm_per_s=-1, right_mm_per_s=256) == bytes.fromhex("91 01 00 FF FF")
 
@@ -71,10 +61,8 @@ def test_song_is_notes_and_durations() -> None:
 
 
 def test_values_out_of_range_are_refused_by_name() -> None:
-    with pytest.raises(oi.OpenInterfaceError, match="speed_mm_per_s must be between -500 and 500, not 501"):
-        oi.drive(501, 0)
-    with pytest.raises(oi.OpenInterfaceError, match="radius_mm"):
-        oi.drive(0, 2001)
+    with pytest.raises(oi.OpenInterfaceError, match="left_mm_per_s must be between -500 and 500, not 501"):
+        oi.drive_direct(501, 0)
     with pytest.raises(oi.OpenInterfaceError, match="number of notes"):
         oi.song(0, [])
     with pytest.raises(oi.OpenInterfaceError, match="no sensor packet 99"):

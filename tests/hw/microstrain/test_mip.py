@@ -12,7 +12,7 @@ ACCELERATION = bytes.fromhex("75 65 80 0E 0E 04 3F 80 00 00 40 00 00 00 C0 40 00
 
 
 def test_ping_has_the_bytes_of_the_manual() -> None:
-    assert mip.ping() == PING
+    assert mip.packet(1, [MipField(1, b"")]) == PING
     (packet,) = FrameDecoder(MipFraming()).feed(PING)
     assert (packet.descriptor_set, packet.fields) == (1, (MipField(1, b""),))
 
