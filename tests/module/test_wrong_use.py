@@ -130,23 +130,6 @@ class AsyncSetup(Module):
         """Never runs."""
 
 
-class AsyncHandler(Module):
-    """Has a handler that would never run."""
-
-    def setup(self) -> None:
-        self.subscribe(LaserScan, self.on_scan)  # type: ignore[arg-type]
-
-    async def on_scan(self, scan: LaserScan) -> None:
-        """Never runs."""
-
-
-class OwnConstructor(Module):
-    """Does not take what every module gets."""
-
-    def __init__(self) -> None:
-        self.x = 1
-
-
 class PortOfItsOwn(Module):
     """Is written as a node of ROS."""
 
@@ -160,16 +143,6 @@ class CountsInTick(Module):
 
     def setup(self) -> None:
         self.tick = 5  # type: ignore[assignment, method-assign]
-
-
-class Deaf(Module):
-    """Has a handler that takes nothing."""
-
-    def setup(self) -> None:
-        self.subscribe(LaserScan, self.on_scan)  # type: ignore[arg-type]
-
-    def on_scan(self) -> None:
-        """Gets a message."""
 
 
 class TicksUnderAnotherName(Module):
@@ -197,11 +170,8 @@ class NoModule:
 MISTAKEN: dict[Any, str] = {
     AsyncTick: r"test_wrong_use.py:\d+: tick is an `async def`, which would never run; write `def tick`",
     AsyncSetup: "setup is an `async def`, which would never run",
-    AsyncHandler: "subscribe: on_scan is an `async def`, which would never run",
-    OwnConstructor: "__init__ is called with the module's context; put what it does into `def setup",
     PortOfItsOwn: r"__init__ calls super\(\).__init__\(\) without .*; make port a setting",
     CountsInTick: r"test_wrong_use.py:\d+: self.tick is a method of Module, and no place for a value",
-    Deaf: r"on_scan is called with one argument; write `def on_scan\(self, message: LaserScan\)`",
     TicksUnderAnotherName: r"has a period_s, but no tick\(\) .*; rename on_tick\(\) to tick",
     ForgotTick: r"has a period_s, but no tick\(\) .*; write `def tick\(self\)`, or leave out period_s",
     NoModule: r"NoModule'> is no class of modules; write `class NAME\(robbie_mp.Module\)`",

@@ -4,7 +4,6 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import closing, suppress
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.hokuyo.laser import HokuyoLaser, SentMeasurements
 from robbie_robots.hw.hokuyo.scip import (
     DamagedLine,
-    ReplyReader,
     checksum,
     measurement,
     numbers,
@@ -180,20 +178,6 @@ def test_missing_port_is_reported() -> None:
     with closing(HokuyoLaser("/no/such/port")) as laser:
         assert laser.poll() == []
         assert "no/such/port" in laser.reason
-
-
-@given(st.lists(st.integers(0, 600), max_size=5), st.integers(0, 400), st.integers(1, 255))
-def test_reader_is_in_step_again_within_two_sweeps_of_a_changed_byte(
-    cuts: list[int], place: int, change: int
-) -> None:
-    one = sweep("MD0044010001000", RAMP[:57]).encode()
-    damaged = bytearray(one)
-    damaged[place % len(one)] ^= change
-    stream = bytes(damaged) + one + one
-    places = sorted({0, len(stream), *(cut % len(stream) for cut in cuts)})
-    reader = ReplyReader()
-    replies = [reply for begin, end in pairwise(places) for reply in reader.feed(stream[begin:end], 0.0)]
-    assert measurement(replies[-1]).ranges_mm.tolist() == RAMP[:57]
 
 
 @pytest.mark.parametrize("status", ["9", "0000", "98"])

@@ -119,16 +119,6 @@ def test_turn_that_lost_a_sample_is_left_out() -> None:
     assert driver.counters.damaged == 1
 
 
-@given(st.integers(0, 35), st.integers(0, 4))
-def test_reader_is_in_step_again_within_two_turns_of_a_lost_byte(number: int, place: int) -> None:
-    stream = bytearray(b"".join(turn()))
-    del stream[5 * number + place]
-    samples = NodeReader().feed(bytes(stream) + b"".join(turn() + turn()))
-    expected = NodeReader().feed(b"".join(turn()))
-    newest = samples.part(len(samples) - 36, len(samples))
-    assert same(newest, expected)
-
-
 def same(one: Samples, other: Samples) -> bool:
     return np.array_equal(one.angles_deg, other.angles_deg) and np.array_equal(
         one.distances_mm, other.distances_mm

@@ -103,17 +103,6 @@ def test_telegram_behind_a_cut_one_is_found() -> None:
     assert (reader.damaged, reader.skipped_bytes) == (1, 200)
 
 
-@given(st.integers(0, 300), st.integers(1, 255))
-def test_binary_reader_is_in_step_again_within_two_telegrams_of_a_changed_byte(
-    place: int, change: int
-) -> None:
-    payload = binary(list(range(500, 620)))
-    damaged = bytearray(framed(payload))
-    damaged[place] ^= change
-    stream = bytes(damaged) + framed(payload) * 4
-    assert FrameDecoder(BinaryFraming()).feed(stream)[-3:] == [payload] * 3
-
-
 @given(st.binary(max_size=400))
 def test_no_bytes_raise_an_error(data: bytes) -> None:
     for dialect in Dialect:

@@ -122,14 +122,6 @@ def test_what_the_scanner_does_not_know_is_refused(wrong: Callable[[], SickLms2x
         wrong()
 
 
-@given(st.integers(0, 731), st.integers(1, 255))
-def test_reader_is_in_step_again_within_two_scans_of_a_changed_byte(place: int, change: int) -> None:
-    one = scan_telegram(list(range(361)))
-    damaged = bytearray(one)
-    damaged[place] ^= change
-    assert FrameDecoder(TelegramFraming()).feed(bytes(damaged) + one + one + one)[-2:] == [one, one]
-
-
 @given(st.binary(max_size=1500))
 def test_no_bytes_raise_an_error(data: bytes) -> None:
     driven(180, 0.5)._take(data)

@@ -5,12 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robbie_mp.logs.recording.carmen import CarmenLog
-from robbie_mp.logs.recording.carmen_records import LaserRecord, OdometryRecord, Record, beam_angles
-from robbie_mp.logs.recording.errors import NotALog
+from robbie_mp.logs.recording.carmen_records import LaserRecord, OdometryRecord, beam_angles
 from tests._support.places import PROJECT
 
 INTEL = PROJECT.parent / "shared/data/intel.clf"
@@ -91,20 +88,6 @@ def test_broken_line_is_left_out_and_named(tmp_path: Path, line: str, what: str)
     (reason,) = set(log.balance.left_out) - {"SYNC lines"}
     assert reason.startswith(f"broken {line.split(maxsplit=1)[0]} lines; the first is line 8: ")
     assert what in reason
-
-
-@given(st.binary(max_size=300), st.integers(0, len(GOOD)))
-def test_any_bytes_give_records_or_a_clear_error(
-    tmp_path_factory: pytest.TempPathFactory, junk: bytes, place: int
-) -> None:
-    text = GOOD.encode()
-    path = written(tmp_path_factory.mktemp("log"), text[:place] + junk + text[place:])
-    try:
-        records = list(CarmenLog(path))
-    except NotALog as error:
-        assert str(error).startswith(f"{path} is no CARMEN log")
-    else:
-        assert all(isinstance(record, Record) for record in records)
 
 
 def test_missing_file_is_an_error(tmp_path: Path) -> None:
