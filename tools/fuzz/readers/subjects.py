@@ -32,7 +32,7 @@ from robbie_mp.messages import (
     stock_registry,
 )
 from robbie_mp.run.profile.load import load_profile
-from robbie_mp.scene import SceneGraph, SceneNotes, read_scene
+from robbie_mp.scene import SceneFileError, SceneGraph, SceneNotes, read_scene
 from robbie_mp.scene.urdf import describe_urdf
 from robbie_robots.hw.framing import DamagedFrame
 from robbie_robots.hw.gnss import nmea, ubx
@@ -205,6 +205,7 @@ ODD_URDF = b"""<?xml version="1.0"?>
 <mimic joint="j2"/><limit lower="0" upper="1"/></joint>
 <joint name="j4" type="planar"><parent link="d"/><child link="e"/><origin rpy="0 1 0"/></joint></robot>
 """
+SCENE_TOKENS = (b"mimic", b"*a", b"&a", b"<<", b"{")
 URDF_TOKENS = (
     b"mimic",
     b"<joint",
@@ -370,9 +371,11 @@ def subjects() -> dict[str, ReaderUnderTest]:
             lambda folder: read_annotations(folder / "a.json"),
             (AnnotationFileError,),
         ),
-        "urdf": ReaderUnderTest(_urdfs, _read_urdf, tokens=URDF_TOKENS),
+        "urdf": ReaderUnderTest(_urdfs, _read_urdf, (SceneFileError,), URDF_TOKENS),
         "urdf-shapes": ReaderUnderTest(_urdfs, _read_solids, (UrdfShapeError,), URDF_TOKENS),
-        "scene": ReaderUnderTest(_scenes, _read_scene, tokens=(b"mimic", b"*a", b"&a", b"<<", b"{")),
+        "scene": ReaderUnderTest(
+            _scenes, _read_scene, (SceneFileError,), (b"mimic", b"*a", b"&a", b"<<", b"{")
+        ),
         "profile": ReaderUnderTest(_profiles, _read_profile, tokens=(b"${a}", b"*a", b"&a", b"parent: demo")),
         "calibration": ReaderUnderTest(
             _files("front.yaml", CALIBRATION),
