@@ -8,18 +8,14 @@ import termios
 from collections.abc import Iterator
 from contextlib import closing
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.visible_text import visible
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import say
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.run.control import ControlRefused, connect
 from robbie_mp.run.debug_link import DebugLink
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 SOON_S = 0.3
 """A module that steps stands again sooner."""
@@ -39,7 +35,7 @@ class _Left(Exception):
     """The user has left the debugger."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `attach` to the commands."""
     parser = add_command(
         subparsers,

@@ -1,17 +1,11 @@
 """`robbie bw TYPE|TOPIC`: the bandwidth of messages."""
 
-import argparse
-from typing import TYPE_CHECKING
-
 from robbie_mp.attached.views.quantities import decimal_size
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.rates import TrafficRates, TrafficSummary, add_rate_arguments, print_rates
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `bw` to the commands."""
     parser = add_command(
         subparsers,

@@ -3,7 +3,6 @@
 import argparse
 import sys
 from contextlib import closing
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.tool.tool_bus import ToolBus
 from robbie_mp.attached.views.known_types import types_of_run
@@ -11,7 +10,7 @@ from robbie_mp.attached.views.message_text import FieldPath, message_of_yaml, to
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
 from robbie_mp.cli.amounts import time_between
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run
 from robbie_mp.messages import Message
 from robbie_mp.messages.calls import (
@@ -24,13 +23,10 @@ from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.errors import CallError
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 TIMEOUT_S = 5.0
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `call` to the commands."""
     parser = add_command(
         subparsers,

@@ -6,26 +6,22 @@ import time
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views import quantities
 from robbie_mp.base.linux.fastdds_memory import remove_dead_participants
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import say
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.logs.black_box.power_loss import recover
 from robbie_mp.logs.black_box.salvage import salvage
 from robbie_mp.run.results import RunResults, results_below
 from robbie_mp.run.supervisor.sweep import Swept, sweep
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 OUTPUT = Path("output")
 CENTURY_S = 3.2e9
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `clean` to the commands."""
     parser = add_command(
         subparsers,

@@ -3,7 +3,6 @@
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.text import Text
 
@@ -15,12 +14,9 @@ from robbie_mp.base.utc import time_text
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli.clean import recover_power_losses, sweep_dead_runs
 from robbie_mp.cli.output import console
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.logs.black_box.clip_folder import CLIPS, PINNED, SavedClip, saved_clips
 from robbie_mp.logs.black_box.spool import SPOOL
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 OUTPUT = Path("output")
 
@@ -34,7 +30,7 @@ class NoSuchClip(RobbieError, LookupError):
     """
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `clips` to the commands."""
     parser = add_command(
         subparsers,

@@ -1,17 +1,13 @@
 """`robbie completion SHELL`: print a script that makes a shell complete `robbie`'s commands."""
 
 import argparse
-from typing import TYPE_CHECKING
 
-from robbie_mp.cli.parser import add_command
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
+from robbie_mp.cli.parser import Commands, add_command
 
 PROGRAMS = ["robbie"]
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `completion` to the commands."""
     parser = add_command(
         subparsers,

@@ -4,27 +4,23 @@ import argparse
 import json
 import re
 import socket
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.problem import refuse
 from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.cli.addresses import add_address_argument, addresses_of, endpoints_of
 from robbie_mp.cli.output import warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.profile import add_set_argument, load
 from robbie_mp.cli.run import add_output_arguments, check, run_robot
 from robbie_mp.connect.link.header import ROBOT_NAME
 from robbie_mp.connect.link.wire import find_robots
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 PROFILE = "robbie:operator"
 LINK = "link"
 MAX_NAME = 32
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `connect` to the commands."""
     parser = add_command(
         subparsers,

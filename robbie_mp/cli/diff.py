@@ -5,7 +5,6 @@ import json
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from rich.text import Text
 
@@ -20,18 +19,15 @@ from robbie_mp.cli.log_files import (
     warn_of_unmatched,
 )
 from robbie_mp.cli.output import console, warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.logs.recording.comparison import ChannelComparison, ComparisonOptions, compare
 from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.messages import ModuleState
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 DIFFERENT = 1
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `diff` to the commands."""
     parser = add_command(
         subparsers,

@@ -4,23 +4,19 @@ import argparse
 import json
 from collections import Counter
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from rich.text import Text
 
 from robbie_mp.cli.output import console
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.run.doctor.examination import examine, worst
 from robbie_mp.run.doctor.finding import Finding, Level
 from robbie_mp.run.profile.load import load_profile
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 STYLES = {Level.OK: "green", Level.WARN: "yellow", Level.FAIL: "bold red"}
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `doctor` to the commands."""
     parser = add_command(
         subparsers,

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robbie_mp.attached.tool.message_stream import MessageStream
 from robbie_mp.attached.tool.tool import Received, RunEnded
@@ -13,18 +13,15 @@ from robbie_mp.attached.views.message_text import FieldPath, flat, to_csv, to_js
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_publishes
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.logs.capture.recorded_run import RecordedRun
 from robbie_mp.messages import DecodeError, Message
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 SAY_MISSED_EVERY_S = 1.0
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `echo` to the commands."""
     parser = add_command(
         subparsers,

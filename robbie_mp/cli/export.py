@@ -4,7 +4,6 @@ import argparse
 from collections.abc import Iterable, Sequence
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.base.visible_text import one_line
@@ -32,7 +31,7 @@ from robbie_mp.cli.log_files import (
     warn_of_unmatched,
 )
 from robbie_mp.cli.output import warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.connect.bridge.bag_export import bridge_of_log, export_bag
 from robbie_mp.logs.recording.decoding import logged_type
 from robbie_mp.logs.recording.errors import NotDecodable
@@ -40,11 +39,8 @@ from robbie_mp.logs.recording.reader import Log, LogChannel, open_log, select
 from robbie_mp.messages import Message
 from robbie_mp.messages.errors import SchemaError
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `export` to the commands."""
     parser = add_command(
         subparsers,

@@ -4,20 +4,16 @@ import argparse
 import json
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.problem import refuse
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.run.operator_link import FOXGLOVE_LINK_FILE, read_link
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 LAYOUT = "layout.json"
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `foxglove` to the commands."""
     parser = add_command(
         subparsers,

@@ -7,25 +7,21 @@ import subprocess
 import time
 from contextlib import closing
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.run_graph import RunGraph, dot, graph_of, mermaid
 from robbie_mp.attached.views.run_graph_svg import svg
 from robbie_mp.bus.observe import RunObserver, rates_between
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 MAX_SECONDS = 3600.0
 LIMIT_S = 60.0
 """Time that Graphviz may take."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `graph` to the commands."""
     parser = add_command(
         subparsers,

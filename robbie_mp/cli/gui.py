@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from robbie_mp.attached.tool.tool import RunEnded
 from robbie_mp.base.problem import refuse
 from robbie_mp.base.yaml_reader import read_text
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.program import signals_noted
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.module.settings import SettingError
@@ -19,8 +19,6 @@ from robbie_mp.run.plan import RunPlan
 from robbie_mp.run.run_directory import KnownRun
 
 if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
     from robbie_mp.station import OperatorStation
 
 NAME = "operator station"
@@ -28,7 +26,7 @@ TOKENS = {"operator_token": "ROBBIE_OPERATOR_TOKEN", "observer_token": "ROBBIE_O
 """Settings that are secrets, and the variables that hold them unless it is said otherwise."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `gui` to the commands."""
     parser = add_command(
         subparsers,

@@ -2,18 +2,14 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.cli.log_files import add_strict_argument, print_balance, progress_bar
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.logs.recording.carmen_import import import_carmen as convert
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `import-carmen` to the commands."""
     parser = add_command(
         subparsers,

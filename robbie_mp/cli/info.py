@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.text import Text
 
@@ -16,17 +16,14 @@ from robbie_mp.cli.file_kinds import LOG, kind_of
 from robbie_mp.cli.file_kinds import describe as describe_file
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.output import console
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.logs.recording.info import LogInfo, describe, part_data
 from robbie_mp.logs.recording.limits import READ_LIMITS, ReadLimits
 from robbie_mp.logs.recording.part import LogPart
 from robbie_mp.logs.recording.reader import open_log
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `info` to the commands."""
     parser = add_command(
         subparsers,

@@ -6,11 +6,10 @@ import os
 import pwd
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.profile import add_profile_arguments, load
 from robbie_mp.cli.run import check
 from robbie_mp.run.doctor.needs import Needs
@@ -18,9 +17,6 @@ from robbie_mp.run.install.device_names import DeviceNotNamed, rules
 from robbie_mp.run.install.unit import Installed, unit
 from robbie_mp.run.install.usb import serial_devices, usb_device
 from robbie_mp.run.profile.model import Profile
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 GROUPS = ("dialout", "video", "audio", "input", "plugdev")
 """Of those that exist, the robot's user becomes a member: they may use devices."""
@@ -37,7 +33,7 @@ class CannotInstall(RobbieError, OSError):
     """
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `install` to the commands."""
     parser = add_command(
         subparsers,

@@ -4,25 +4,21 @@ import argparse
 import json
 import socket
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.plain_table import PlainTable
 from robbie_mp.base.utc import time_text
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import console
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.connect.link.handshake import TIMEOUT_S, shake_hands
 from robbie_mp.connect.link.keys import VALID_DAYS, Certificate, Keys, KeysError, default_folder
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 DAY_S = 86_400
 
 MAX_PORT = 65_535
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `keys` to the commands."""
     parser = subparsers.add_parser("keys", help="make the keys of this robot, and say whom it trusts")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)

@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.text import Text
 
@@ -20,15 +20,12 @@ from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli.addresses import add_address_argument, endpoints_of
 from robbie_mp.cli.output import console
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run, live_runs
 from robbie_mp.connect.link.wire import Endpoints, find_robots
 from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX
 from robbie_mp.module.calls.peers import topic_of_service
 from robbie_mp.run.run_directory import KnownRun
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 Row = dict[str, Any]
 PAST = "past_publishers"
@@ -39,7 +36,7 @@ LATCHED, KEPT = "latched", "latched_bytes"
 NO_STATES = "starting, or of another version of Robbie-MP"
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `list` to the commands."""
     parser = add_command(
         subparsers,

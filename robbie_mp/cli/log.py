@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.style import Style
 
@@ -17,15 +16,12 @@ from robbie_mp.base.utc import time_of_day
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import console, print_styled
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run, live_runs
 from robbie_mp.run.control import control
 from robbie_mp.run.trace.entry import Entry
 from robbie_mp.run.trace.kinds import Kind
 from robbie_mp.run.trace.reader import LOG_FOLDER, TraceFollower, crash_reports, entries, module_names
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 POLL_S = 0.1
 FOLLOWED_LINES = 20
@@ -46,7 +42,7 @@ class NoTrace(RobbieError, LookupError):
     """
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `log` to the commands."""
     parser = add_command(
         subparsers,

@@ -4,20 +4,16 @@ import argparse
 import json
 import time
 from contextlib import closing
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.bus.observe import RunObserver
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.logs.black_box.module import CLIP_TOPIC, MARK, TRIGGER_CHARACTERS
 from robbie_mp.messages import Clip, Header, Mark, Time
 from robbie_mp.run.profile.model import BLACK_BOX
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 WAIT_S = 10.0
 OPEN_S = 2.0
@@ -31,7 +27,7 @@ class NotMarked(RobbieError, TimeoutError):
     """
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `mark` to the commands."""
     parser = add_command(
         subparsers,

@@ -4,12 +4,11 @@ import argparse
 from contextlib import closing
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.problem import refuse
 from robbie_mp.bus.observe import RunObserver
 from robbie_mp.cli import completers
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.variants import add_variant_arguments, checked_variant, variant_of
 from robbie_mp.run.control import RunNotControlled, control
@@ -18,10 +17,6 @@ from robbie_mp.run.profile.dependencies import with_dependents
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import preflight, runnable
 from robbie_mp.run.variant import TRIAL_S, Variant
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 
 DESCRIPTIONS = {
     "restart": "Stop a module in order if it runs, start it again with its full restart budget, and wait "
@@ -35,7 +30,7 @@ DESCRIPTIONS = {
 }
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `module` to the commands."""
     parser = subparsers.add_parser("module", help="start, stop or restart one module of a run")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
@@ -50,7 +45,7 @@ def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None
     _add_swap(actions)
 
 
-def _add_swap(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def _add_swap(actions: Commands) -> None:
     command = add_command(
         actions,
         "swap",

@@ -4,16 +4,12 @@ import argparse
 import re
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.extras import how_to_install, lacking
 from robbie_mp.base.stock_robots import ROBOTS
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.run.profile.workspace import Workspace
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 HERE = Path(__file__).parent
 TEMPLATE = "workspace_template"
@@ -44,7 +40,7 @@ class NoRobotName(RobbieError, ValueError):
     """The folder's name cannot name the robot's messages."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `new` to the commands."""
     parser = add_command(
         subparsers,

@@ -4,7 +4,7 @@ import argparse
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.text import Text
 
@@ -15,21 +15,18 @@ from robbie_mp.base.yaml_reader import read_text
 from robbie_mp.cli import completers
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import console, warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run
 from robbie_mp.module.setting_changes import NotChangeable
 from robbie_mp.run.profile.show import inline
 from robbie_mp.run.run_directory import KnownRun
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 
 class CannotLoad(RobbieError, ValueError):
     """Settings in a file cannot be loaded into a run; none of them has been changed."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `param` to the commands."""
     parser = subparsers.add_parser("param", help="show and change settings of running modules")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)

@@ -2,14 +2,13 @@
 
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn, TypeAlias
 
 from robbie_mp.base.suggest import did_you_mean
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 BAD_USAGE = 2
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+"""To which `add_command` adds a command."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -38,7 +37,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_command(
-    subparsers: "_SubParsersAction[argparse.ArgumentParser]",
+    subparsers: Commands,
     name: str,
     summary: str,
     description: str,

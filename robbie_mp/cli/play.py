@@ -6,13 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robbie_mp.base.problem import Problem, ProfileError, SourcePlace, refuse
 from robbie_mp.cli import completers
 from robbie_mp.cli.amounts import LONGEST_S, time_between
 from robbie_mp.cli.log_files import add_limit_argument, add_strict_argument
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.profile import add_set_argument, load
 from robbie_mp.cli.run import add_output_arguments, check, run_robot
 from robbie_mp.logs.playback.module import BALANCE_FILE, played_balance
@@ -22,9 +22,6 @@ from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.model import MEASURED, ClockSettings, ModuleSpec, Profile
 from robbie_mp.run.profile.preflight import Preflight
 from robbie_mp.run.profile.workspace import find_workspace
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 PLAYBACK = "playback"
 CLASS = "robbie_mp.logs.playback.module:Playback"
@@ -47,7 +44,7 @@ PLACES = {
 """The place of each setting that this command sets."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `play` to the commands."""
     parser = add_command(
         subparsers,

@@ -11,7 +11,6 @@ import termios
 import tty
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.tool.tool import RunEnded, Tool
 from robbie_mp.attached.views.message_text import describe_playback, to_json
@@ -19,15 +18,12 @@ from robbie_mp.base.errors import RobbieError
 from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import print_in_place
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.play import rate
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.logs.playback.player import PlaybackRefused
 from robbie_mp.messages import PlaybackControl, PlaybackState, as_dict
 from robbie_mp.run.run_directory import KnownRun
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 TIMEOUT_S = 5.0
 HELP = "space: pause or resume   .: step   ←, →: 5 s   -, +: rate   m: as fast as possible   q: quit"
@@ -46,7 +42,7 @@ class NoTerminal(RobbieError, OSError):
     """Keys can be read from a terminal alone."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `playback` to the commands."""
     parser = add_command(
         subparsers,

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.tool.message_stream import MessageStream
 from robbie_mp.attached.tool.tool import RunEnded
@@ -25,16 +24,13 @@ from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.channel_choice import NoSuchMessages, choose_channel
 from robbie_mp.cli.log_files import add_limit_argument, print_balance, progress_bar
 from robbie_mp.cli.output import console
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.logs.recording.decoding import logged_type
 from robbie_mp.logs.recording.reader import Log, LogChannel, open_log
 from robbie_mp.messages import DecodeError, Message
 from robbie_mp.messages.descriptions import KnownTypes, TypeDescription
 from robbie_mp.run.run_directory import KnownRun
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 FRAME_S = 0.2
 WINDOW_S, ONCE_S = 30.0, 1.0
@@ -69,7 +65,7 @@ class Curve:
             self.series.add(time_s, float(value))
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `plot` to the commands."""
     parser = add_command(
         subparsers,

@@ -4,21 +4,17 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 from robbie_mp.cli import completers
 from robbie_mp.cli.output import console, warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.run.profile.load import load_profile
 from robbie_mp.run.profile.model import Profile
 from robbie_mp.run.profile.preflight import preflight, what_failed
 from robbie_mp.run.profile.show import DEFAULT, YamlLine, as_tree, origins, to_lines, without_defaults
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `profile` to the commands."""
     profile = subparsers.add_parser("profile", help="show a profile merged with its parents")
     actions = profile.add_subparsers(title="actions", metavar="ACTION", required=True)

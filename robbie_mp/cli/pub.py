@@ -3,7 +3,6 @@
 import argparse
 import time
 from contextlib import closing, suppress
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.attached.views.message_text import message_of_yaml
@@ -12,16 +11,13 @@ from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_subscribes
 from robbie_mp.cli.output import warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.messages import Header, Message, Time, check_well_formed, replace
 from robbie_mp.run.run_directory import KnownRun
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `pub` to the commands."""
     parser = add_command(
         subparsers,

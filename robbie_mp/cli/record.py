@@ -7,7 +7,6 @@ import sys
 import time
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.tool.message_stream import MessageStream
 from robbie_mp.attached.tool.tool import RunEnded
@@ -21,7 +20,7 @@ from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.channel_choice import unknown_names
 from robbie_mp.cli.info import print_log
 from robbie_mp.cli.output import warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.program import signals_noted
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.logs.capture.recorded_run import RecordedRun
@@ -35,9 +34,6 @@ from robbie_mp.logs.recording.log_writer import LogWriter, Split
 from robbie_mp.logs.recording.recorder import LOGGER_NICE
 from robbie_mp.run.run_directory import KnownRun
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 LIMITS = BufferLimits(chunk_bytes=1 << 20, buffer_bytes=1 << 28, close_after_s=0.5)
 PART_BYTES = 1 << 30
 COUNT_EVERY_S = 1.0
@@ -48,7 +44,7 @@ class FolderExists(RobbieError, FileExistsError):
     """The folder for a recording exists already."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `record` to the commands."""
     parser = add_command(
         subparsers,

@@ -6,26 +6,22 @@ from contextlib import ExitStack
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.amount import BadAmount, seconds_of
 from robbie_mp.base.utc import time_from
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.output import warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.logs.capture.selection import Selection
 from robbie_mp.logs.recording.editing import Cut, edit
 from robbie_mp.logs.recording.format import RUN_METADATA
 from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name, open_log
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 NOTHING = 1
 
 
-def add_parsers(actions: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parsers(actions: Commands) -> None:
     """Add `cut`, `filter` and `merge` to the actions of `robbie recording`."""
     cut_parser = add_command(
         actions,

@@ -3,11 +3,10 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.cli.log_files import add_limit_argument, add_log_argument, progress_bar
 from robbie_mp.cli.output import warn
-from robbie_mp.cli.parser import BAD_USAGE, add_command
+from robbie_mp.cli.parser import BAD_USAGE, Commands, add_command
 from robbie_mp.logs.recording.bag_metadata import write_bag_metadata
 from robbie_mp.logs.recording.errors import RepairFailed
 from robbie_mp.logs.recording.format import BAG_METADATA
@@ -15,11 +14,8 @@ from robbie_mp.logs.recording.limits import ReadLimits
 from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.logs.recording.repair import repair, repaired_name
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `repair` to the actions of `robbie recording`."""
     parser = add_command(
         subparsers,

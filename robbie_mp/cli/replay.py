@@ -8,18 +8,14 @@ from contextlib import nullcontext
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.python_command import python_command
 from robbie_mp.cli.output import plain_output
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.logs.capsule import replay as replaying
 from robbie_mp.logs.capsule.attempt import LIMIT_S
 from robbie_mp.logs.capsule.read import Capsule, handled, read_capsule
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
 WORKER = "robbie_mp.cli.replay"
 """The program that runs the module: with the hash seed of then, which is set when Python starts."""
@@ -33,7 +29,7 @@ class NoDebugpy(RobbieError, ImportError):
     """`--debug` needs a package that is not installed."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `replay` to the commands."""
     parser = add_command(
         subparsers,

@@ -2,22 +2,18 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views import quantities
 from robbie_mp.base.linux.private_files import write_private
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli.log_files import progress_bar
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.logs.report import choose_results, read_run, report_of
 from robbie_mp.logs.report.report import REPORT_FILE
 from robbie_mp.logs.report.run_files import OUTPUT
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `report` to the commands."""
     parser = add_command(
         subparsers,

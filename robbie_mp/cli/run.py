@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.run_figures import as_data
 from robbie_mp.base.balance import Balance
@@ -17,7 +16,7 @@ from robbie_mp.bus.checkpoint.file import checkpoint_file, set_aside
 from robbie_mp.cli.clean import recover_power_losses, sweep_dead_runs
 from robbie_mp.cli.log_files import LEFT_OUT, print_balance
 from robbie_mp.cli.output import say, warn
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.profile import add_profile_arguments, load
 from robbie_mp.cli.run_summary import print_summary
 from robbie_mp.cli.screen import RunScreen
@@ -30,11 +29,8 @@ from robbie_mp.run.profile.workspace import is_class
 from robbie_mp.run.results import remove_oldest
 from robbie_mp.run.supervisor.run import RunResult, default_output_directory, run_profile
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `run` to the commands."""
     parser = add_command(
         subparsers,

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.text import Text
 
@@ -20,7 +19,7 @@ from robbie_mp.bus.transport.histogram import Distribution
 from robbie_mp.cli import completers
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import console
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.program import signals_noted
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.cli.variants import add_variant_arguments, checked, planned_module, variant_of
@@ -36,15 +35,12 @@ from robbie_mp.run.profile.model import ModuleSpec
 from robbie_mp.run.profile.workspace import enclosing_workspace
 from robbie_mp.run.variant import Variant
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 DIFFERENT = 1
 MOST_AMOUNTS = 5
 """Fields of one channel that are listed."""
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `shadow` to the commands."""
     parser = add_command(
         subparsers,

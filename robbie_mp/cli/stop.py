@@ -1,17 +1,13 @@
 """`robbie stop`: stop a run in order."""
 
 import argparse
-from typing import TYPE_CHECKING
 
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument, choose_run
 from robbie_mp.run.control import control
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `stop` to the commands."""
     parser = add_command(
         subparsers,

@@ -6,7 +6,6 @@ import os
 import sys
 import time
 from contextlib import closing
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.process_table import modules_table, totals_line
 from robbie_mp.attached.views.run_figures import run_as_data
@@ -15,14 +14,10 @@ from robbie_mp.base.utc import time_text
 from robbie_mp.bus.observe import RunObserver, RunRates, RunReading, rates_between
 from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.output import console
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run
 from robbie_mp.cli.top_csv import record
 from robbie_mp.run.run_directory import is_live
-
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
-
 
 SHORTEST_INTERVAL_S = 0.1
 
@@ -35,7 +30,7 @@ class NoTerminalProgram(RobbieError, ImportError):
     """
 
 
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `top` to the commands."""
     parser = add_command(
         subparsers,

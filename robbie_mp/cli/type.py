@@ -4,19 +4,15 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robbie_mp.attached.views.known_types import types_of_run_or_workspace
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
-from robbie_mp.cli.parser import add_command
+from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_run_argument
 
-if TYPE_CHECKING:
-    from argparse import _SubParsersAction
 
-
-def add_parser(subparsers: "_SubParsersAction[argparse.ArgumentParser]") -> None:
+def add_parser(subparsers: Commands) -> None:
     """Add `type` to the commands."""
     parser = subparsers.add_parser("type", help="show message types and their fields")
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
