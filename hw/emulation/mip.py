@@ -39,7 +39,6 @@ class EmulatedMip(EmulatedDevice):
 
     Args:
         clock: its clock.
-        bit_rate: of its line.
         fields: the fields that this model has; it refuses a format with another one.
         base_hz: how often it measures in each second.
     """
@@ -47,12 +46,11 @@ class EmulatedMip(EmulatedDevice):
     def __init__(
         self,
         clock: EmulatedClock | None = None,
-        bit_rate: int = 115_200,
         fields: frozenset[int] = EVERYTHING,
         base_hz: int = 1000,
     ) -> None:
         super().__init__(clock)
-        self.bit_rate, self.fields, self.base_hz = bit_rate, fields, base_hz
+        self.bit_rate, self.fields, self.base_hz = 115_200, fields, base_hz
         self.motion = MipMeasurements()
         self.power_on()
 

@@ -51,9 +51,9 @@ class EmulatedMti(EmulatedDevice):
         is_measuring: it sends; False: it is configured.
     """
 
-    def __init__(self, clock: EmulatedClock | None = None, bit_rate: int = 115_200) -> None:
+    def __init__(self, clock: EmulatedClock | None = None) -> None:
         super().__init__(clock)
-        self.bit_rate = bit_rate
+        self.bit_rate = 115_200
         self.motion = XsensMeasurements()
         self.device_id = 0x01234567
         # Kept without power.

@@ -22,7 +22,6 @@ from robbie_robots.hw.hokuyo.scip import (
 )
 from robbie_robots.hw.laser import DeviceSweep, LaserGeometry
 from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
-from robbie_robots.hw.pose import ORIGIN, Pose
 
 BIT_RATE = 115_200
 # A laser answers a command within this time; an earlier stream that still runs may delay the first answer.
@@ -45,13 +44,11 @@ class SentMeasurements(StrEnum):
 
 
 class HokuyoLaser(PluggableLaser):
-    """A laser that streams sweeps over its whole field of view, or a part of it.
+    """A laser that streams sweeps over its whole field of view.
 
     Args:
         url: "/dev/ttyACM0", or "socket://192.168.0.10:10940": see `Port`.
-        mount: the laser's pose in the robot's frame.
         data: what to measure.
-        field_rad: first and last direction, in the laser's frame; None: all that it sees.
         merge: neighbouring steps that the laser merges into one beam, the nearest of their ranges.
         skip: sweeps that the laser skips after each one that it sends, 0 to 9.
         latency_s: the shortest time between the laser's stamp of a sweep and its first byte here.
@@ -65,10 +62,8 @@ class HokuyoLaser(PluggableLaser):
     def __init__(
         self,
         url: str,
-        mount: Pose = ORIGIN,
         *,
         data: SentMeasurements = SentMeasurements.RANGES,
-        field_rad: tuple[float, float] | None = None,
         merge: int = 1,
         skip: int = 0,
         latency_s: float = 0.0,
@@ -79,8 +74,7 @@ class HokuyoLaser(PluggableLaser):
             raise ValueError(f"merge must be 1 to 99 and skip 0 to 9, not {merge} and {skip}")
         self.identity: dict[str, str] = {}
         """The laser's description of itself: MODL, SERI, FIRM and others."""
-        self._mount, self._data, self._field_rad = mount, data, field_rad
-        self._merge, self._skip = merge, skip
+        self._data, self._merge, self._skip = data, merge, skip
         self._stamps = DeviceClock(2**STAMP_BITS / 1000, 0.001, latency_s)
         self._reader = ReplyReader()
         # What arrived together with the answer to the last command.
@@ -150,9 +144,6 @@ class HokuyoLaser(PluggableLaser):
         steps, front = int(told["ARES"]), int(told["AFRT"])
         first, last = int(told["AMIN"]), int(told["AMAX"])
         step_rad = 2 * math.pi / steps
-        if self._field_rad is not None:
-            begin, end = (front + round(angle / step_rad) for angle in self._field_rad)
-            first, last = max(first, begin), min(last, end)
         if not 0 <= first < last < 10_000:
             raise ValueError(f"steps {first} to {last}")
         self.period_s = 60.0 / int(told["SCAN"]) * (1 + self._skip)
@@ -166,7 +157,6 @@ class HokuyoLaser(PluggableLaser):
             beams=(last - first) // self._merge + 1,
             range_min_m=int(told["DMIN"]) / 1000.0,
             range_max_m=most_mm / 1000.0,
-            mount=self._mount,
         )
         return first, last
 

@@ -15,7 +15,6 @@ from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.laser import DeviceSweep, LaserGeometry
 from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
-from robbie_robots.hw.pose import ORIGIN, Pose
 from robbie_robots.hw.rplidar.protocol import (
     CAPSULES,
     CONFIGURATION,
@@ -104,7 +103,6 @@ class RpLidar(PluggableLaser):
         beams: sectors of a turn.
         range_max_m: the longest range of the model.
         motor_pwm: speed of the motor, for models with an A2's motor control; None: leave it alone.
-        mount: the laser's pose in the robot's frame.
         options: see `DeviceOptions`.
 
     Attributes:
@@ -123,7 +121,6 @@ class RpLidar(PluggableLaser):
         beams: int = 720,
         range_max_m: float = 12.0,
         motor_pwm: int | None = 660,
-        mount: Pose = ORIGIN,
         **options: Unpack[DeviceOptions],
     ) -> None:
         super().__init__(url, bit_rate, **options)
@@ -136,7 +133,6 @@ class RpLidar(PluggableLaser):
             beams=beams,
             range_min_m=0.05,
             range_max_m=range_max_m,
-            mount=mount,
         )
         self._waiting = b""
         self._batch_began_s = math.inf

@@ -13,7 +13,6 @@ from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import FrameDecoder
 from robbie_robots.hw.laser import DeviceSweep, LaserGeometry
 from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
-from robbie_robots.hw.pose import ORIGIN, Pose
 from robbie_robots.hw.sick.cola import (
     CONFIGURE,
     END_STREAM,
@@ -46,7 +45,6 @@ class SickColaLaser(PluggableLaser):
         intensities: have the laser send intensities, too; this changes its configuration until it is switched
             off. Without, it sends what it is configured to.
         range_max_m: the longest range of the model: 10 to 25 for a TiM, 20 for an LMS1xx, 80 for an LMS5xx.
-        mount: the laser's pose in the robot's frame.
         latency_s: the shortest time between the transmission of a scan, by the laser's clock, and its
             arrival.
         options: see `DeviceOptions`.
@@ -63,14 +61,13 @@ class SickColaLaser(PluggableLaser):
         dialect: Dialect = Dialect.B,
         intensities: bool = False,
         range_max_m: float = 25.0,
-        mount: Pose = ORIGIN,
         latency_s: float = 0.0,
         **options: Unpack[DeviceOptions],
     ) -> None:
         super().__init__(url, **options)
         self.device_status = self.serial_number = 0
         self._dialect, self._intensities = dialect, intensities
-        self._range_max_m, self._mount = range_max_m, mount
+        self._range_max_m = range_max_m
         self._stamps = DeviceClock(CLOCK_WRAPS_S, 1e-6, latency_s)
         self._reader = TextReader() if dialect is Dialect.A else FrameDecoder(BinaryFraming())
         self._early: list[bytes] = []
@@ -121,7 +118,6 @@ class SickColaLaser(PluggableLaser):
             # In place of a range, 0 means none, and small numbers are error codes.
             range_min_m=0.05,
             range_max_m=self._range_max_m,
-            mount=self._mount,
         )
         sent_s = self._stamps.stamp_s(scan.sent_us / 1e6, arrived_s)
         self._geometry, self.serial_number = geometry, scan.serial_number

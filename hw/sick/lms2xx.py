@@ -15,7 +15,6 @@ from robbie_robots.hw.connection.port import Port
 from robbie_robots.hw.framing import FrameDecoder
 from robbie_robots.hw.laser import DeviceSweep, LaserGeometry
 from robbie_robots.hw.pluggable_laser import PluggableLaser, ranges_in_metres
-from robbie_robots.hw.pose import ORIGIN, Pose
 from robbie_robots.hw.sick.lms2xx_telegrams import (
     BIT_RATES,
     MODE_SWITCHED,
@@ -65,7 +64,6 @@ class SickLms2xx(PluggableLaser):
         range_bits: 13 in the modes up to 8 m or 80 m, 14 up to 16 m or 160 m, 15 up to 32 m. The mode itself
             is the scanner's configuration, which the driver does not change.
         range_max_m: the longest range of the mode.
-        mount: the laser's pose in the robot's frame.
         latency_s: the shortest time from the last beam to the telegram's first bit, and from its last bit to
             its arrival. The driver knows the time of the scan and of the transmission.
         options: see `DeviceOptions`.
@@ -83,7 +81,6 @@ class SickLms2xx(PluggableLaser):
         resolution_deg: float = 0.5,
         range_bits: int = 13,
         range_max_m: float = 8.0,
-        mount: Pose = ORIGIN,
         latency_s: float = 0.0,
         **options: Unpack[DeviceOptions],
     ) -> None:
@@ -101,7 +98,6 @@ class SickLms2xx(PluggableLaser):
             beams=100 * field_deg // self._step + 1,
             range_min_m=0.01,
             range_max_m=range_max_m,
-            mount=mount,
         )
         self.period_s = TURNS[self._step] / MIRROR_TURNS_PER_S
         # Interlaced beams are a turn apart; within a turn it is this.

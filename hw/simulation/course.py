@@ -51,9 +51,9 @@ class Course:
     width_m: float
 
 
-def random_course(seed: int, wishes: CourseWishes | None = None) -> Course:
-    """Make a course. The same seed and wishes give the same one."""
-    wishes = wishes or CourseWishes()
+def random_course(seed: int) -> Course:
+    """Make a course. The same seed gives the same one."""
+    wishes = CourseWishes()
     random = np.random.default_rng(seed)
     angle = np.linspace(0.0, 2 * math.pi, STATIONS, endpoint=False)
     factor = np.ones(STATIONS)

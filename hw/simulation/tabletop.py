@@ -87,7 +87,6 @@ class Tabletop:
     Args:
         objects: the objects.
         tables: boxes on which objects can stand, arena frame.
-        pads: the fingers.
         state: what `memory` returned, to go on from there.
     """
 
@@ -95,12 +94,11 @@ class Tabletop:
         self,
         objects: Sequence[TableObject],
         tables: Sequence[Placed],
-        pads: Pads | None = None,
         state: dict[str, Any] | None = None,
     ) -> None:
         self.objects = tuple(objects)
         self._tables = tuple(tables)
-        self._pads = pads or Pads()
+        self._pads = Pads()
         self._points = {one.name: one.solid.surface(STEP_M) for one in objects}
         self._arm_points: dict[Solid, Floats] = {}
         self._solids = {one.name: one.solid for one in objects}

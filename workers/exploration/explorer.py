@@ -37,7 +37,6 @@ class Explorer:
         guard: Checks every command against the newest sweep.
         settings: Settings of the task.
         follower: Steers along the planned ways.
-        exploration: Chooses the goals.
         home_xy_m: Where to return to; the first pose if absent.
 
     Attributes:
@@ -54,7 +53,6 @@ class Explorer:
         guard: CollisionGuard,
         settings: ExplorerSettings | None = None,
         follower: PathFollower | None = None,
-        exploration: FrontierExploration | None = None,
         home_xy_m: ArrayLike | None = None,
     ) -> None:
         self.settings = settings or ExplorerSettings()
@@ -65,7 +63,7 @@ class Explorer:
         self._clock = clock
         self._guard = guard
         self._follower = follower or PathFollower()
-        self._exploration = exploration or FrontierExploration()
+        self._exploration = FrontierExploration()
         self._progress = ProgressWatch()
         self._grid: NavigationGrid | None = None
         self._pose: tuple[NDArray[np.float64], float] | None = None

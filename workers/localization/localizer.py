@@ -110,7 +110,6 @@ class Localizer:
         settings: Settings of the localisation.
         laser_pose: The laser's mounting pose on the robot (x m, y m, heading rad).
         seed: Random seed; the same inputs and seed give the same poses.
-        noise: Uncertainty of odometry.
 
     Attributes:
         newest: The estimate after the last sweep used; None before the first.
@@ -123,14 +122,13 @@ class Localizer:
         settings: LocalizationSettings | None = None,
         laser_pose: ArrayLike = (0.0, 0.0, 0.0),
         seed: int = 0,
-        noise: MotionNoise | None = None,
     ) -> None:
         self.field = field
         self.settings = settings or LocalizationSettings()
         self.laser_pose = np.asarray(laser_pose, float)
         self.newest: Localization | None = None
         self.recoveries = 0
-        self._noise = noise or MotionNoise()
+        self._noise = MotionNoise()
         self._random = np.random.default_rng(seed)
         self._odometry = OdometryTrack(TRACKED)
         self._waiting: deque[_Beams] = deque(maxlen=MOST_WAITING)

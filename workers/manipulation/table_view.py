@@ -83,7 +83,6 @@ class TableFinder:
 
     Args:
         known: objects that it can name by their size.
-        region: where it looks.
         tolerance_m: largest difference between the measured and the known size.
         seed: random seed of the planes that it tries.
         certain: minimum confidence with which a print is recognized.
@@ -95,14 +94,13 @@ class TableFinder:
     def __init__(
         self,
         known: Sequence[KnownObject],
-        region: TableRegion | None = None,
         tolerance_m: float = 0.015,
         seed: int = 0,
         certain: float = 0.7,
     ) -> None:
         self.namer = ObjectNamer((one.name for one in known), certain)
         self._known = tuple(known)
-        self._region = region or TableRegion()
+        self._region = TableRegion()
         self._tolerance_m = tolerance_m
         self._chance = np.random.default_rng(seed)
 

@@ -74,7 +74,6 @@ class Navigator:
         follower: Steers along the planned ways.
         settings: Settings of the navigator.
         laser_pose: The laser's mounting pose on the robot (x m, y m, heading rad).
-        obstacles: The obstacles that the lasers see.
         further_lasers: Names of the lasers beside the one that looks ahead. The robot backs up only while it
             has a fresh sweep of each. Without one it drives on; an old sweep is not used.
 
@@ -94,7 +93,6 @@ class Navigator:
         follower: PathFollower | None = None,
         settings: NavigatorSettings | None = None,
         laser_pose: ArrayLike = (0.0, 0.0, 0.0),
-        obstacles: LiveObstacles | None = None,
         further_lasers: Iterable[str] = (),
     ) -> None:
         self.settings = settings or NavigatorSettings()
@@ -107,7 +105,7 @@ class Navigator:
         self.follower = follower or PathFollower()
         self._guard = guard
         self._local = LocalPlanner(guard, self.follower)
-        self._obstacles = obstacles or LiveObstacles()
+        self._obstacles = LiveObstacles()
         self._progress = ProgressWatch()
         self._costmap: LiveCostmap | None = None
         self._pose: tuple[NDArray[np.float64], float] | None = None

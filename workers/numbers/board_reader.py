@@ -60,8 +60,8 @@ class BoardReader:
         ReaderMissing: what reads digits is not installed.
     """
 
-    def __init__(self, finder: QuadrangleFinder | None = None) -> None:
-        self._finder = finder or QuadrangleFinder()
+    def __init__(self) -> None:
+        self._finder = QuadrangleFinder()
         self._reader = LineReader()
         self._cv2: Any = import_module("cv2")
 
