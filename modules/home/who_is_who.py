@@ -4,14 +4,7 @@ import json
 import math
 from typing import Any, cast
 
-from robbie_mp import (
-    ActiveGoal,
-    CallError,
-    CallRefused,
-    MessageHandling,
-    Time,
-    setting,
-)
+from robbie_mp import ActiveGoal, CallError, CallRefused, MessageHandling, Time, setting
 from robbie_mp.messages import (
     CameraInfo,
     Detection2D,

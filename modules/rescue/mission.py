@@ -6,15 +6,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_mp import (
-    CallRefused,
-    Duration,
-    Header,
-    MessageHandling,
-    SettingError,
-    Time,
-    setting,
-)
+from robbie_mp import CallRefused, Duration, Header, MessageHandling, SettingError, Time, setting
 from robbie_mp.messages import (
     BatteryState,
     Bumper,

@@ -13,12 +13,7 @@ from robbie_mp.cli.amounts import time_between
 from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run
 from robbie_mp.messages import Message
-from robbie_mp.messages.calls import (
-    FEEDBACK_SUFFIX,
-    GOAL_SUFFIX,
-    RESULT_SUFFIX,
-    response_name,
-)
+from robbie_mp.messages.calls import FEEDBACK_SUFFIX, GOAL_SUFFIX, RESULT_SUFFIX, response_name
 from robbie_mp.messages.descriptions import KnownTypes
 from robbie_mp.module.calls.calls import Calls
 from robbie_mp.module.calls.errors import CallError

@@ -7,17 +7,7 @@ from pathlib import Path
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.base.visible_text import one_line
-from robbie_mp.cli.export_forms import (
-    CSV,
-    NPZ,
-    PLY,
-    TRAJECTORIES,
-    Form,
-    Rows,
-    new_files,
-    parquet,
-    pictures,
-)
+from robbie_mp.cli.export_forms import CSV, NPZ, PLY, TRAJECTORIES, Form, Rows, new_files, parquet, pictures
 from robbie_mp.cli.export_size import is_wanted, sizes
 from robbie_mp.cli.file_names import file_names
 from robbie_mp.cli.log_files import (

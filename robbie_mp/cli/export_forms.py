@@ -22,13 +22,7 @@ from robbie_mp.logs.recording.parquet import ParquetLibrary, ParquetTable
 from robbie_mp.logs.recording.ply import CLOUD_TYPES, ply
 from robbie_mp.logs.recording.png import IMAGE_TYPES, PngMaker
 from robbie_mp.logs.recording.reader import Log, LogChannel, channel_name
-from robbie_mp.logs.recording.trajectory import (
-    TRAJECTORY_TYPES,
-    TUM_HEADING,
-    StampedPose,
-    poses,
-    stamp_ns,
-)
+from robbie_mp.logs.recording.trajectory import TRAJECTORY_TYPES, TUM_HEADING, StampedPose, poses, stamp_ns
 from robbie_mp.messages import Message, stock_registry
 from robbie_mp.messages.errors import DecodeError
 from robbie_mp.messages.units import units

@@ -5,12 +5,7 @@ from robbie_mp.bus.transport import names
 from robbie_mp.bus.transport.board import Board
 from robbie_mp.bus.transport.channels import ChannelNames
 from robbie_mp.bus.transport.layout import SegmentKind
-from robbie_mp.bus.transport.run_memory import (
-    IncarnationMemory,
-    RingSizes,
-    attach_core_wakeup,
-    make_endpoint,
-)
+from robbie_mp.bus.transport.run_memory import IncarnationMemory, RingSizes, attach_core_wakeup, make_endpoint
 from robbie_mp.bus.transport.segment import Segment
 from robbie_mp.module.calls.peers import RunPeers
 from robbie_mp.module.wiring import UNCHANGED, Wiring

@@ -12,13 +12,7 @@ import pytest
 
 from robbie_mp.base.linux.proc import ProcessIdentity
 from robbie_mp.bus.transport.shared_folder import remove_names
-from robbie_mp.run.run_directory import (
-    RunDirectory,
-    UnsafeRunFolder,
-    base_folders,
-    list_runs,
-    safe_folders,
-)
+from robbie_mp.run.run_directory import RunDirectory, UnsafeRunFolder, base_folders, list_runs, safe_folders
 from robbie_mp.run.supervisor.sweep import dead_runs
 
 

@@ -8,14 +8,7 @@ import pytest
 pytest.importorskip("nicegui", reason="the operator's page needs the extra gui")
 
 from robbie_mp.scene import Node, RigidTransform, SceneGraph
-from robbie_mp.station.panels.camera_look import (
-    AHEAD_RAD,
-    VIEW_RAD,
-    LookWish,
-    checked,
-    direction_of,
-    goal_of,
-)
+from robbie_mp.station.panels.camera_look import AHEAD_RAD, VIEW_RAD, LookWish, checked, direction_of, goal_of
 
 AHEAD = RigidTransform(0.0, 0.0, 0.0, -0.5, 0.5, -0.5, 0.5)
 """Of an optical frame: z is the direction of the view, x is to the right."""

@@ -27,12 +27,7 @@ from robbie_mp.station.live.h264 import (
     VideoStreams,
 )
 from robbie_mp.station.live.network import NetworkCost, PageNetwork
-from robbie_mp.station.live.video import (
-    COST_LIMIT_S,
-    SHORTEST_WAY_S,
-    VideoFollower,
-    WantedVideo,
-)
+from robbie_mp.station.live.video import COST_LIMIT_S, SHORTEST_WAY_S, VideoFollower, WantedVideo
 from robbie_mp.station.watch.latest import Latest
 from robbie_mp.station.watch.pictures import NewestPicture
 

@@ -10,14 +10,7 @@ import pytest
 from playwright.sync_api import Page
 
 from tests._support.robot import Robot, robot_in, wait_until
-from tests.station._support.browser import (
-    IS_CONNECTED,
-    browser,
-    needs_chromium,
-    open_panel,
-    page_of,
-    release,
-)
+from tests.station._support.browser import IS_CONNECTED, browser, needs_chromium, open_panel, page_of, release
 from tests.station.test_page import address_of
 from tools.robot import free_port
 

@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tools.trials.driving.campus import (
-    MOST_END_ERROR_M,
-    Campus,
-    CampusResult,
-    trial,
-)
+from tools.trials.driving.campus import MOST_END_ERROR_M, Campus, CampusResult, trial
 
 
 @pytest.fixture(scope="module")

@@ -16,12 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from robbie_mp.base.procedure import Failed, Journal, Procedure, WrongJournal, pause
 from robbie_mp.base.state_machine import StateMachine
 from robbie_robots.workers.home.follow import PersonReport
-from robbie_robots.workers.home.household_states import (
-    DRIVES,
-    TRANSITIONS,
-    HouseholdSettings,
-    HouseholdState,
-)
+from robbie_robots.workers.home.household_states import DRIVES, TRANSITIONS, HouseholdSettings, HouseholdState
 from robbie_robots.workers.home.orders import NEEDS_ARM, Task, TaskOrder, WrongOrder, check_orders
 from robbie_robots.workers.home.takers import Takers
 

@@ -5,12 +5,7 @@ from typing import NamedTuple
 
 from strenum import StrEnum
 
-from robbie_robots.workers.speech.order_grammar import (
-    OrderGrammar,
-    SpokenWords,
-    WrongGrammar,
-    spoken,
-)
+from robbie_robots.workers.speech.order_grammar import OrderGrammar, SpokenWords, WrongGrammar, spoken
 
 CONNECTIONS = ("and then", "then", "and")
 """What stands between two orders of a sentence."""

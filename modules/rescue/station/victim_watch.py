@@ -11,12 +11,7 @@ from starlette.responses import Response
 
 from robbie_mp.messages import TimeJump
 from robbie_mp.station.map.marks import MapMark, MarkPicture
-from robbie_mp.station.watch.pictures import (
-    answer_with,
-    encode_image,
-    no_picture,
-    serve_pictures,
-)
+from robbie_mp.station.watch.pictures import answer_with, encode_image, no_picture, serve_pictures
 from robbie_robots.modules.rescue.messages import VictimFound
 
 if TYPE_CHECKING:

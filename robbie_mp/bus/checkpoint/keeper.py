@@ -9,12 +9,7 @@ from typing import Any, Protocol
 
 from robbie_mp.bus.checkpoint.buffers import CheckpointBuffers
 from robbie_mp.bus.checkpoint.errors import CheckpointDamaged, CheckpointForeign, CheckpointTooNew
-from robbie_mp.bus.checkpoint.file import (
-    CheckpointFileError,
-    CheckpointWriter,
-    read_file,
-    set_aside,
-)
+from robbie_mp.bus.checkpoint.file import CheckpointFileError, CheckpointWriter, read_file, set_aside
 from robbie_mp.bus.checkpoint.image import Checkpoint, ImageLayout, lay_out
 from robbie_mp.bus.transport.segment import SharedMemoryFull
 

@@ -15,12 +15,7 @@ import yaml
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.base.linux.private_files import make_private_folder
-from robbie_mp.connect.bridge.mapping import (
-    MAX_DEPTH,
-    BridgeMap,
-    MappingError,
-    Quality,
-)
+from robbie_mp.connect.bridge.mapping import MAX_DEPTH, BridgeMap, MappingError, Quality
 from robbie_mp.logs.recording.bag_metadata import offered_qos, write_bag_metadata
 from robbie_mp.logs.recording.conversion import NewChannel, converted_log
 from robbie_mp.logs.recording.errors import LogNotWritten

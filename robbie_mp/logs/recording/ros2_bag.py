@@ -20,12 +20,7 @@ from typing_extensions import Self
 
 from robbie_mp.base.balance import Balance
 from robbie_mp.logs.recording.errors import BagUnreadable
-from robbie_mp.logs.recording.format import (
-    BAG_METADATA,
-    BAG_PART_NAME,
-    QOS_KEY,
-    SCHEMA_ENCODING,
-)
+from robbie_mp.logs.recording.format import BAG_METADATA, BAG_PART_NAME, QOS_KEY, SCHEMA_ENCODING
 from robbie_mp.logs.recording.limits import READ_LIMITS
 from robbie_mp.logs.recording.part import LogPart
 from robbie_mp.logs.recording.reader import NO_CHANNEL, REPAIRED_SUFFIX, TRANSIENT_LOCAL

@@ -11,14 +11,7 @@ import numpy as np
 
 from robbie_mp.messages.codec.cdr import LARGEST_ALIGNMENT, padding
 from robbie_mp.messages.errors import DecodeError
-from robbie_mp.messages.field_types import (
-    Items,
-    Numbers,
-    Primitive,
-    Several,
-    Text,
-    natural_default,
-)
+from robbie_mp.messages.field_types import Items, Numbers, Primitive, Several, Text, natural_default
 
 WORD = struct.Struct("<I")
 PADDED_WORDS = tuple(struct.Struct(f"<{padding(start, 4)}xI") for start in range(4))

@@ -5,14 +5,7 @@ from typing import Any, ClassVar, Literal
 from robbie_mp.messages.calls import Feedback, Goal, Reply, Request, Result
 from robbie_mp.messages.declaration import Upgrade
 from robbie_mp.messages.field_types import DEFAULT
-from robbie_mp.messages.flaws import (
-    MAX_MAGNITUDE,
-    Flaw,
-    beyond,
-    elements_beyond,
-    outside,
-    unlike_lengths,
-)
+from robbie_mp.messages.flaws import MAX_MAGNITUDE, Flaw, beyond, elements_beyond, outside, unlike_lengths
 from robbie_mp.messages.message import Message
 from robbie_mp.messages.primitives import Array, float32, float64, uint8, uint32, uint64
 from robbie_mp.messages.stock.builtin_interfaces import Duration, Time

@@ -11,13 +11,7 @@ from robbie_mp.bus.transport.records import MessageHandling
 from robbie_mp.bus.transport.tables import ChannelName
 from robbie_mp.messages.calls import GOAL_SUFFIX, REQUEST_SUFFIX, number_call
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.stock.robbie_msgs import (
-    CallRefusal,
-    CallsAnswer,
-    CallsQuestion,
-    GoalCancel,
-    GoalEnd,
-)
+from robbie_mp.messages.stock.robbie_msgs import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd
 from robbie_mp.messages.well_formed import find_flaw, ill_formed
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.due import NEVER_NS, Due

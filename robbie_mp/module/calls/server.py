@@ -21,13 +21,7 @@ from robbie_mp.messages.calls import (
     reply_type,
 )
 from robbie_mp.messages.message import Message
-from robbie_mp.messages.stock.robbie_msgs import (
-    CallRefusal,
-    CallsAnswer,
-    CallsQuestion,
-    GoalCancel,
-    GoalEnd,
-)
+from robbie_mp.messages.stock.robbie_msgs import CallRefusal, CallsAnswer, CallsQuestion, GoalCancel, GoalEnd
 from robbie_mp.messages.well_formed import find_flaw, ill_formed
 from robbie_mp.module.bus import Bus
 from robbie_mp.module.calls.due import NEVER_NS, Due

@@ -10,11 +10,7 @@ from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.board import TOOL_PREFIX, Board, SlotBounds, SlotState, Totals
 from robbie_mp.bus.transport.layout import Activity, SegmentKind
 from robbie_mp.bus.transport.records import Inbound, Notice, Outbound
-from robbie_mp.bus.transport.run_memory import (
-    IncarnationMemory,
-    make_block_store,
-    make_endpoint,
-)
+from robbie_mp.bus.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint
 from robbie_mp.bus.transport.segment import Segment, unlink_segment
 from robbie_mp.bus.transport.shared_folder import (
     SHARED_MEMORY,

@@ -33,13 +33,7 @@ from robbie_mp.module.runner import ModuleRunner
 from robbie_mp.module.setting_changes import SettingChanges, SettingsFile
 from robbie_mp.module.settings import SettingError, check_settings
 from robbie_mp.module.shared_memory_bus import SharedMemoryBus
-from robbie_mp.module.ticks import (
-    MAX_RUN_CLOCK_WAIT_S,
-    MAX_WAIT_S,
-    GrantedTicks,
-    Ticks,
-    TimedTicks,
-)
+from robbie_mp.module.ticks import MAX_RUN_CLOCK_WAIT_S, MAX_WAIT_S, GrantedTicks, Ticks, TimedTicks
 from robbie_mp.module.wiring import Wiring
 from robbie_mp.run.declared_types import DeclaredTypes
 from robbie_mp.run.lockstep import ClockSource, Lockstep
@@ -48,11 +42,7 @@ from robbie_mp.run.profile.check import load_class
 from robbie_mp.run.profile.model import HANDLER_TIMES, MEASURED, ModuleSpec
 from robbie_mp.run.run_clock import RunClock
 from robbie_mp.run.supervisor.imported_files import report_imports
-from robbie_mp.run.supervisor.own_history import (
-    begin_history,
-    open_history,
-    record_checkpoint,
-)
+from robbie_mp.run.supervisor.own_history import begin_history, open_history, record_checkpoint
 from robbie_mp.run.supervisor.scheduling import apply_scheduling, prefer_new_threads
 from robbie_mp.run.variant import Variant, put_first, variant_of_environment
 

@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING
 
 from robbie_mp.bus.transport.endpoint import TooManyDeclarations
 from robbie_mp.connect.link.header import ROBOT_NAME
-from robbie_mp.messages import (
-    EmergencyStop,
-    Header,
-    LinkPeer,
-    LinkState,
-    OperatorRequest,
-    RobotSummary,
-    Time,
-)
+from robbie_mp.messages import EmergencyStop, Header, LinkPeer, LinkState, OperatorRequest, RobotSummary, Time
 from robbie_mp.station.fleet.topics import SUMMARY
 from robbie_mp.station.stop.requests import REQUEST_TOPIC, STATE_TOPIC, StopRequests, state_text
 

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robbie_mp.messages import (
-    BatteryState,
-    CompressedImage,
-    ControlState,
-    RobotAlarm,
-    RobotSummary,
-    uint8,
-)
+from robbie_mp.messages import BatteryState, CompressedImage, ControlState, RobotAlarm, RobotSummary, uint8
 from robbie_mp.station.context import header_of_now
 from robbie_mp.station.fleet.topics import PREVIEW, SUMMARY
 from robbie_mp.station.page.control_bar import MODES

@@ -10,11 +10,7 @@ from typing import cast
 import uvicorn
 
 from robbie_mp.base.errors import RobbieError
-from robbie_mp.station.web.connections import (
-    BoundedHttp,
-    BoundedWebSocket,
-    Connections,
-)
+from robbie_mp.station.web.connections import BoundedHttp, BoundedWebSocket, Connections
 from robbie_mp.station.web.gate import App
 from robbie_mp.station.web.listening import BACKLOG
 

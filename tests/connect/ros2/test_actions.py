@@ -39,11 +39,7 @@ from robbie_mp.messages import (
     as_dict,
     from_dict,
 )
-from robbie_mp.messages.stock.nav2_msgs import (
-    NavigatedToPose,
-    NavigateToPose,
-    NavigatingToPose,
-)
+from robbie_mp.messages.stock.nav2_msgs import NavigatedToPose, NavigateToPose, NavigatingToPose
 from tests._support.robot import wait_until
 from tests.connect.ros2._support.fibonacci import Fibonacci, Grown, Sequence
 from tests.connect.ros2.test_type_hash import PUBLISHED

@@ -12,14 +12,7 @@ from hypothesis import strategies as st
 
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.hokuyo.laser import HokuyoLaser, SentMeasurements
-from robbie_robots.hw.hokuyo.scip import (
-    DamagedLine,
-    checksum,
-    measurement,
-    numbers,
-    parameters,
-    reply_of,
-)
+from robbie_robots.hw.hokuyo.scip import DamagedLine, checksum, measurement, numbers, parameters, reply_of
 from tests.hw._support.fake_hokuyo import PARAMETERS, FakeHokuyo, summed, sweep
 
 # From the first step to the last, as the parameters say.

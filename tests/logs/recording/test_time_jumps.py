@@ -7,14 +7,7 @@ import pytest
 from robbie_mp.logs.recording.info import MAX_JUMPS, describe
 from robbie_mp.logs.recording.reader import open_log
 from robbie_mp.logs.recording.time_jumps import time_jumps
-from tests.logs.playback._support.jumps import (
-    BEGINNING,
-    FAR,
-    SECOND,
-    SET_BACK,
-    WITHOUT_BATTERY,
-    jumping_log,
-)
+from tests.logs.playback._support.jumps import BEGINNING, FAR, SECOND, SET_BACK, WITHOUT_BATTERY, jumping_log
 
 
 @pytest.mark.parametrize("chunk_size", [1, 100, 1 << 20])

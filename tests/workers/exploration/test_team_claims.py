@@ -5,13 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from robbie_robots.workers.exploration.team_claims import (
-    DISCOUNT_M,
-    RANGE_M,
-    SAME_M,
-    Claim,
-    TeamClaims,
-)
+from robbie_robots.workers.exploration.team_claims import DISCOUNT_M, RANGE_M, SAME_M, Claim, TeamClaims
 
 TARGET = np.array([4.0, 1.0])
 
