@@ -173,6 +173,14 @@ class Ended:
         stdout, stderr = process.communicate(timeout=LIMIT_S)
         return cls(process.returncode, stdout, stderr)
 
+    @classmethod
+    def in_order(cls, process: "subprocess.Popen[str]", sent: int = signal.SIGINT) -> "Ended":
+        """Stop a run by a signal; it must end with success."""
+        process.send_signal(sent)
+        ended = cls.wait_for(process)
+        assert ended.exit_code == 0, ended.stderr
+        return ended
+
 
 def is_running(pid: int) -> bool:
     """Whether a process runs; a zombie does not."""

@@ -172,24 +172,6 @@ class CrashInHandler(Module):
             raise ZeroDivisionError("third message")
 
 
-class TooLarge(Module):
-    """Publishes a message that its memory cannot hold."""
-
-    period_s = 0.05
-
-    def tick(self) -> None:
-        self.publish(Image(data=np.zeros(1_000_000, np.uint8)))
-
-
-class WrongField(Module):
-    """Publishes a message whose field has the wrong type."""
-
-    period_s = 0.05
-
-    def tick(self) -> None:
-        self.publish(DriveCommand(linear_m_per_s="fast"))  # type: ignore[arg-type]
-
-
 class CrashWithThread(Module):
     """Crashes while one of its threads still runs."""
 
@@ -198,12 +180,6 @@ class CrashWithThread(Module):
     def tick(self) -> None:
         threading.Thread(target=threading.Event().wait).start()
         raise RuntimeError("crashed beside a thread")
-
-
-class NeverTicks(Module):
-    """Has an impossible period."""
-
-    period_s = 0.0
 
 
 class NotText(Module):

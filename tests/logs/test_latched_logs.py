@@ -73,9 +73,7 @@ def recorded(robot: Robot) -> Robot:
     robot.until(lambda modules: modules["logger"]["restarts"] == 1 and modules["logger"]["handled"] > 50)
     late = robot.command("record", "--duration", "0.5", "-o", "late")
     assert late.returncode == 0, late.stderr
-    process.send_signal(signal.SIGINT)
-    ended = Ended.wait_for(process)
-    assert ended.exit_code == 0, ended.stderr
+    Ended.in_order(process)
     return robot
 
 

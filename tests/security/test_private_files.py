@@ -1,6 +1,7 @@
 """Only the robot's user can read its files, and other users cannot replace a checkpoint."""
 
 import os
+import signal
 import stat
 from pathlib import Path
 
@@ -45,9 +46,7 @@ def test_everything_that_a_run_writes_is_closed_to_others(robot: Robot) -> None:
     robot.command("param", "set", "keeper.word", "hello")
     run = robot.known_run()
     in_run_folder = open_to_others(run.folder)
-    process.terminate()
-    ended = Ended.wait_for(process)
-    assert ended.exit_code == 0, ended.stderr
+    Ended.in_order(process, signal.SIGTERM)
     written = [robot.folder / name for name in ("output", "state", "logs")]
     names = {path.name for root in written for path in root.rglob("*")}
     assert {"summary.json", "trace.html", "keeper.jsonl", "keeper.checkpoint", "crashes"} <= names
@@ -121,9 +120,7 @@ def test_forged_checkpoint_is_set_aside_and_the_module_starts_fresh(robot: Robot
     process = robot.start()
     # It counts from the beginning; one that ends before it runs again would not end in order.
     robot.until(lambda modules: modules["keeper"]["restarts"] == 1 and modules["keeper"]["ticks"] > 3)
-    process.terminate()
-    ended = Ended.wait_for(process)
-    assert ended.exit_code == 0, ended.stderr
+    Ended.in_order(process, signal.SIGTERM)
     said = robot.log("keeper")
     assert "starts fresh" in said
     assert "others must not be able to write to it" in said

@@ -1,5 +1,7 @@
 """The page in a real browser shows the true state, and its buttons work."""
 
+import signal
+
 import pytest
 from playwright.sync_api import Page
 
@@ -74,8 +76,6 @@ def test_page_shows_the_processes_and_the_emergency_stop_reaches_the_base_and_la
         page.hover("#emergency-stop")
         page.mouse.down()
         page.wait_for_selector("#emergency-stop-state:has-text('STOPPED')")
-    process.terminate()
-    ended = Ended.wait_for(process)
-    assert ended.exit_code == 0, ended.stderr
+    ended = Ended.in_order(process, signal.SIGTERM)
     assert ended.modules["operator"]["state"] == "STOPPED"
     assert "SIGKILL" not in ended.stderr

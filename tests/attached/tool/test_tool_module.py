@@ -100,9 +100,7 @@ def test_module_run_as_a_tool_handles_publishes_ticks_and_reattaches(
     assert "robbie_msgs/msg/EmergencyStop" in visitor.patterns
     assert robot.top()["base"]["status"] == "STOPPED: a visitor"
     robot.until(lambda modules: TOOL not in modules)
-    process.terminate()
-    ended = Ended.wait_for(process)
-    assert ended.exit_code == 0
+    ended = Ended.in_order(process, signal.SIGTERM)
     assert ended.modules["base"]["lost"] == ended.modules["pulse"]["refused"] == 0
 
 

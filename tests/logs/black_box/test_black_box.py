@@ -205,9 +205,7 @@ def test_full_account_of_a_run_is_in_its_last_line(robot: Robot) -> None:
     process = start(robot, PROFILE.replace('  camera: {class: "acts:Camera"}\n', ""))
     wait_until(lambda: scans_seen(robot) > 100)
     assert robot.command("mark", "at the end").returncode == 0
-    process.send_signal(signal.SIGINT)
-    ended = Ended.wait_for(process)
-    assert ended.exit_code == 0, ended.stderr
+    Ended.in_order(process)
     (clip,) = clips(robot)
     assert clip.about is not None and clip.about.triggers == ["mark: at the end"]
     assert "1 triggers, 1 with a clip on the disk, 0 missed" in robot.log("black_box")
