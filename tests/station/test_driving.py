@@ -13,10 +13,11 @@ from playwright.sync_api import Browser, Page
 from robbie_mp.attached.tool.tool import Tool
 from robbie_mp.messages import EmergencyStop
 from tests._support.robot import COMMAND, Ended, Robot, kill, wait_until
-from tests.station._support.browser import CHROMIUM, RECONNECTING, browser, needs_chromium, page_of, release
+from tests.station._support.browser import RECONNECTING, browser, needs_chromium, page_of, release
 from tests.station._support.cut_link import HERE as HERE_ADDRESS
 from tests.station._support.cut_link import cut_link, why_no_link
 from tests.station.test_page import address_of
+from tools.operator.chromium import CHROMIUM
 
 pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.alone, pytest.mark.timeout(300)]
 HERE = Path(__file__).parent
@@ -129,9 +130,7 @@ def test_robot_stops_when_key_page_or_server_fails_and_the_page_reconnects(
             stopped_server_delivers_nothing_late(robot, journal, page)
             killed_server_is_found_again(robot, journal, page)
         module_run_as_tool_drives_and_stops(robot, journal, started)
-    process.terminate()
-    ended = Ended.wait_for(process)
-    assert ended.exit_code == 0, ended.stderr
+    ended = Ended.in_order(process, signal.SIGTERM)
     for module in (ended.modules[name] for name in ("base", "witness")):
         overflowed = module["dropped"] - module["left"]  # what waited when it was stopped is no fault
         assert [module["lost"], overflowed, module["refused"]] == [0, 0, 0]

@@ -12,24 +12,6 @@ from playwright.sync_api import TimeoutError as PlaywrightTimeout
 from tests._support.robot import LIMIT_S
 from tools.operator.chromium import CHROMIUM, chromium
 
-__all__ = [
-    "ATTEMPTS",
-    "ATTEMPT_MS",
-    "CHROMIUM",
-    "HELD_MS",
-    "IS_CONNECTED",
-    "LAPTOP",
-    "RECONNECTING",
-    "TABLET",
-    "browser",
-    "choose_layout",
-    "dialog_is_gone",
-    "needs_chromium",
-    "open_panel",
-    "page_of",
-    "press_until",
-    "release",
-]
 browser = chromium
 needs_chromium = pytest.mark.skipif(
     CHROMIUM is None,
