@@ -590,11 +590,11 @@ class TimerAfterReply(Crasher):
 
 
 class Allocations(Crasher):
-    """Takes more and more memory, in small pieces."""
+    """Takes more and more memory: of its 4 GiB, a fourth piece never fits, and three always do."""
 
     def on_a(self, number: Number) -> None:
         self.n += 1
-        self.kept = [*getattr(self, "kept", []), np.empty(40_000_000)]
+        self.kept = [*getattr(self, "kept", []), np.empty(1 << 27)]
 
 
 class OnlyNewest(Crasher):
