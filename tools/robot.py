@@ -188,9 +188,13 @@ def _name(process: psutil.Process) -> str:
 
 
 def environment() -> dict[str, str]:
-    """Return an environment in which processes in other folders can import this repository."""
+    """Return an environment in which processes in other folders can import this repository.
+
+    They do not see whether a test starts them: NiceGUI would then not compress what a page loads.
+    """
     path = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return dict(os.environ, PYTHONPATH=path)
+    own = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
+    return own | {"PYTHONPATH": path}
 
 
 def free_port() -> int:

@@ -4,7 +4,7 @@ import re
 import signal
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
 
@@ -98,9 +98,6 @@ class Scene:
     def begin(self) -> None:
         """Wait until all modules run."""
         self.robot.wait_until_running()
-        (run,) = list_runs(self._bases)
-        self._tool = Tool(run, "operator trials")
-        self._tool.ready()
 
     def close(self) -> None:
         """End the robot."""
@@ -136,8 +133,11 @@ class Scene:
 
     def stop(self, *, engaged: bool) -> None:
         """Engage or release the emergency stop by a message, without the page."""
-        self._tool.publish(EmergencyStop(engaged=engaged, reason="a trial"), "emergency_stop")
-        self.wait_for("stopped", float(engaged))
+        (run,) = list_runs(self._bases)
+        with closing(Tool(run, "operator trials")) as tool:
+            tool.ready()
+            tool.publish(EmergencyStop(engaged=engaged, reason="a trial"), "emergency_stop")
+            self.wait_for("stopped", float(engaged))
 
     def wait_for(self, what: str, number: float, since_ns: int = 0) -> int:
         """Wait until the base publishes a number. Return when (ns) it first did so after a time (0: now)."""
