@@ -11,7 +11,6 @@ decide, as in NTP's filter.
 """
 
 import math
-from enum import Enum
 from typing import NamedTuple
 
 MAX_DRIFT = 1e-3
@@ -30,17 +29,6 @@ class Exchange(NamedTuple):
     def round_trip_ns(self) -> int:
         """The time on the network, in both directions together."""
         return (self.returned_ns - self.sent_ns) - (self.other_answered_ns - self.other_received_ns)
-
-
-class ExchangeVerdict(Enum):
-    """The result of an exchange."""
-
-    AGREES = "agrees"
-    """It agrees with those before."""
-    JUMPED = "jumped"
-    """It contradicts those before, which are forgotten: a clock jumped, as when the other robot restarted."""
-    IMPOSSIBLE = "impossible"
-    """Its times contradict each other, so it is not used."""
 
 
 class Offset(NamedTuple):
@@ -77,29 +65,30 @@ class ClockOffset:
         self._at_ns = 0
         self.round_trip_ns: int | None = None
 
-    def add(self, exchange: Exchange) -> ExchangeVerdict:
+    def add(self, exchange: Exchange) -> bool:
         """Use an exchange. Add exchanges in the order in which they returned.
 
         Args:
             exchange: its times. Only the caller knows whether it has sent this request.
+
+        Returns:
+            Whether it agrees with those before. If not, its times contradict each other, and it is not used,
+            or a clock jumped, as when the other robot restarted, and those before are forgotten.
         """
         duration_ns = exchange.returned_ns - exchange.sent_ns
         there_ns = exchange.other_answered_ns - exchange.other_received_ns
         widening_ns = self._widening_ns(duration_ns)
         if duration_ns < 0 or there_ns < 0 or there_ns > duration_ns + widening_ns:
-            return ExchangeVerdict.IMPOSSIBLE
+            return False
         self.round_trip_ns = max(0, exchange.round_trip_ns)
         least = exchange.other_answered_ns - exchange.returned_ns - widening_ns
         greatest = exchange.other_received_ns - exchange.sent_ns + widening_ns
         before = self._limits_at(exchange.returned_ns)
-        verdict = ExchangeVerdict.AGREES
-        if before is not None:
-            if least > before[1] or greatest < before[0]:
-                verdict = ExchangeVerdict.JUMPED
-            else:
-                least, greatest = max(least, before[0]), min(greatest, before[1])
+        agrees = before is None or (least <= before[1] and greatest >= before[0])
+        if before is not None and agrees:
+            least, greatest = max(least, before[0]), min(greatest, before[1])
         self._limits, self._at_ns = (least, greatest), max(exchange.returned_ns, self._at_ns)
-        return verdict
+        return agrees
 
     def forget(self) -> None:
         """Forget all exchanges, as when the other robot says that it is another session."""

@@ -152,10 +152,6 @@ class LinkCounts:
             row = self._open(key)
         return row
 
-    def find(self, key: CountKey) -> CountRow | None:
-        """Return the row of a key that has one."""
-        return self._rows.get(key)
-
     def sessions_of(self, peer: str) -> list[int]:
         """Return the sessions from which this link has received a stream, in the order of their first."""
         return list(

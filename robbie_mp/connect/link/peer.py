@@ -2,11 +2,12 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from robbie_mp.connect.link.clock_offset import ClockOffset, Exchange
 from robbie_mp.connect.link.counts import DROPPED, RECEIVED, REFUSED, TAKEN, CountKey, CountRow, LinkCounts
 from robbie_mp.connect.link.header import (
+    DATAGRAM_BYTES,
     HEADER_BYTES,
     MAX_COUNTS,
     Beat,
@@ -39,6 +40,8 @@ MAX_PAST_SESSIONS = 64
 MAX_COPIES = 4
 COPIED_LOSS = 0.01
 """If a larger share of datagrams is lost, commands and states are sent in several copies."""
+APART_NS = 5_000_000
+"""Where the network joins datagrams, a copy goes at least this much later than the one before."""
 LEAST_COUNTED = 30
 """Datagrams by which the loss is measured."""
 MAX_REPORT_COUNTS = 40
@@ -53,8 +56,23 @@ MAX_BURST = 1000
 """Packets sent in one go, before the link looks at what has arrived."""
 
 
+class CopiesDue(NamedTuple):
+    """A message of one datagram of which copies are still to be sent."""
+
+    header: DataHeader
+    payload: memoryview | bytes
+    left: int
+    """How many."""
+    due_ns: int
+    """When the next one may go."""
+
+
 class Network(Protocol):
     """Sends packets to other robots."""
+
+    @property
+    def joins_datagrams(self) -> bool:
+        """Whether datagrams that are sent at once may go in one packet, and be lost with it."""
 
     def send(
         self,
@@ -152,6 +170,7 @@ class Peer:
         self.lost_there = 0.0
         """Ratio of lost datagrams of those that this link has sent."""
         self._lost_here = 0.0
+        self._copies_due: list[CopiesDue] = []
         self._datagrams_sent = 0
         self._datagrams_taken = 0
         self._counted: tuple[int, int] | None = None
@@ -200,14 +219,22 @@ class Peer:
                 return True
         return False
 
-    def _transmit(self, header: DataHeader, payload: memoryview | bytes, as_datagram: bool) -> None:
+    def _transmit(
+        self, header: DataHeader, payload: memoryview | bytes, as_datagram: bool, now_ns: int
+    ) -> None:
         if not as_datagram:
             # While others are under way, they go together: only few of Zenoh's batches may wait.
             is_alone = self.streams[header.traffic].under_way.bytes <= HEADER_BYTES + len(payload)
             self._network.send(self.name, header, payload, at_once=is_alone)
             return
         is_urgent = header.traffic is TrafficClass.URGENT
-        for _ in range(1 if is_urgent or header.whole > MAX_REPEATED_BYTES else self._copies):
+        copies = 1 if is_urgent or header.whole > MAX_REPEATED_BYTES else self._copies
+        if header.whole:  # no mark
+            self._drop_copies(header.channel, of_commands=is_urgent)
+        if copies > 1 and self._network.joins_datagrams and 0 < header.whole <= DATAGRAM_BYTES:
+            self._copies_due.append(CopiesDue(header, payload, copies - 1, now_ns + APART_NS))
+            copies = 1
+        for _ in range(copies):
             self._send_datagram(header, payload)
         if is_urgent:  # on every way there is
             self._network.send(self.name, header, payload)
@@ -217,6 +244,25 @@ class Peer:
     ) -> None:
         self._datagrams_sent += 1
         self._network.send(self.name, packet, payload, as_datagram=True)
+
+    def _drop_copies(self, channel: int, *, of_commands: bool) -> None:
+        """Drop copies that would come after a newer message, or commands after something urgent: a stop."""
+        self._copies_due = [
+            one
+            for one in self._copies_due
+            if one.header.channel != channel
+            and not (of_commands and one.header.traffic is TrafficClass.COMMAND)
+        ]
+
+    def _send_copies(self, now_ns: int) -> None:
+        waiting, self._copies_due = self._copies_due, []
+        for one in waiting:
+            if one.due_ns > now_ns:
+                self._copies_due.append(one)
+                continue
+            self._send_datagram(one.header, one.payload)
+            if one.left > 1:
+                self._copies_due.append(one._replace(left=one.left - 1, due_ns=now_ns + APART_NS))
 
     @property
     def _copies(self) -> int:
@@ -236,6 +282,9 @@ class Peer:
             for stream in self.streams.values():
                 stream.look_after(now_ns)
             self.streams[TrafficClass.STATE].repeat_newest(now_ns)
+            self._send_copies(now_ns)
+        else:
+            self._copies_due.clear()
         self._measure_rate(now_ns)
         self.pump(now_ns)
 

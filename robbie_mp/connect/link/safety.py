@@ -48,20 +48,25 @@ def expires(message: Arrived) -> bool:
     Args:
         message: a message that has arrived.
     """
-    return not _stops(message) and (
+    return not stops(message.name.type_name, message.data) and (
         message.traffic is TrafficClass.COMMAND or message.name.type_name in (*EXPIRING, *_ORDERS)
     )
 
 
-def _stops(message: Arrived) -> bool:
-    """Whether a message lets the robot stand, by an emergency stop or a wish, or ends a command."""
+def stops(type_name: str, data: bytes) -> bool:
+    """Whether a message lets the robot stand, by an emergency stop or a wish, or ends a command.
+
+    Args:
+        type_name: of the message.
+        data: the encoded message.
+    """
     try:
-        if message.name.type_name == EmergencyStop.type_name:
-            return EmergencyStop.decode(message.data).engaged
-        if message.name.type_name == OperatorRequest.type_name:
-            return OperatorRequest.decode(message.data).wish == OperatorRequest.HOLD
-        if message.name.type_name == ToolRequest.type_name:
-            return ToolRequest.decode(message.data).interrupts
+        if type_name == EmergencyStop.type_name:
+            return EmergencyStop.decode(data).engaged
+        if type_name == OperatorRequest.type_name:
+            return OperatorRequest.decode(data).wish == OperatorRequest.HOLD
+        if type_name == ToolRequest.type_name:
+            return ToolRequest.decode(data).interrupts
     except MessageError:
         return False
     return False

@@ -29,6 +29,7 @@ from robbie_mp.connect.link.header import (
     DataHeader,
     ReceiverReport,
 )
+from robbie_mp.connect.link.safety import stops
 from robbie_mp.connect.link.send_window import SendWindow
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
 from robbie_mp.connect.link.under_way import UnderWay
@@ -173,14 +174,14 @@ class SendStream:
         traffic: the class.
         limits: how much may wait.
         clock: knows the round trip.
-        transmit: sends a header and a payload, as a datagram or in the stream.
+        transmit: sends a header and a payload, as a datagram or in the stream; it is told the present time.
         address: stands in each header.
     """
 
     traffic: TrafficClass
     limits: SendLimits
     clock: ClockOffset
-    transmit: Callable[[DataHeader, memoryview | bytes, bool], None]
+    transmit: Callable[[DataHeader, memoryview | bytes, bool, int], None]
     address: Address
     waiting: OrderedDict[int, Item] = field(default_factory=OrderedDict)
     """By number of the channel if only the newest is kept, else by a running number."""
@@ -333,7 +334,7 @@ class SendStream:
         self.sent.append(packet)
         oldest = self.sent[0].sequence if self.manners.is_resent else packet.sequence
         header = self._header(packet, oldest, number)
-        self.transmit(header, packet.payload, self.manners.goes_as_datagrams)
+        self.transmit(header, packet.payload, self.manners.goes_as_datagrams, now_ns)
         if self.manners.is_resent:
             return
         if self.traffic is TrafficClass.STATE and packet.item is not None:
@@ -367,7 +368,7 @@ class SendStream:
                 for packet, payload in newest.parts:
                     self.resent += 1
                     sending = self.under_way.add(packet.sequence, packet.size, now_ns)
-                    self.transmit(self._header(packet, packet.sequence, sending), payload, True)
+                    self.transmit(self._header(packet, packet.sequence, sending), payload, True, now_ns)
 
     def _header(self, packet: Packet, oldest: int, number: int) -> DataHeader:
         item, own = packet.item, self.address
@@ -482,19 +483,24 @@ class SendStream:
         self.rewind()
 
     def start_again(self) -> None:
-        """Begin with a robot that knows nothing of this stream: what was under way counts as lost."""
-        self.under_way.forget()
-        self._told = (0, 0, 0)
-        self._newest.clear()
-        self.unsettled_bytes = 0
+        """Begin with a link that knows nothing of this stream: what was under way counts as lost.
+
+        That it may have arrived is no harm if it lets the robot stand: rather a stop twice than none.
+        """
+        self.continue_with_next()
         begun = [packet.item for packet in (*self.sent, *self.pending) if packet.is_last]
-        begun.append(self.begun.item if self.begun else None)
+        for item in reversed(begun + ([self.begun.item] if self.begun else [])):
+            if item is not None and self.manners.is_resent and stops(item.channel.name.type_name, item.data):
+                self._running += 1
+                self.waiting[self._running] = item
+                self.waiting.move_to_end(self._running, last=False)
+                self.waiting_bytes += len(item.data)
+            elif item is not None:
+                item.channel.row.add(LOST)
+        self._newest.clear()
         self.sent.clear()
         self.pending.clear()
-        self.begun = None
-        for item in begun:
-            if item is not None:
-                item.channel.row.add(LOST)
+        self.begun, self.unsettled_bytes = None, 0
 
     @property
     def _first_again_ns(self) -> int:

@@ -125,6 +125,12 @@ def ways(endpoints: Endpoints, addresses: Sequence[str], *, listens: bool = Fals
     return found
 
 
+def has_quic(endpoints: Endpoints) -> bool:
+    """Return whether datagrams go over QUIC."""
+    addresses = (*endpoints.listen, *endpoints.connect)
+    return any(way.startswith("quic/") for way in ways(endpoints, addresses))
+
+
 def only_own_names(robot: str, trusted: Iterable[str]) -> dict[str, object]:
     """Return the setting of Zenoh with which a robot with a certificate cannot send under another one's name.
 
@@ -165,13 +171,7 @@ def open_session(endpoints: Endpoints) -> "zenoh.Session":
         raise LinkUnavailable(f"a link needs the extra `link`: {how_to_install('link')}") from error
     os.environ.setdefault("ZENOH_RUNTIME", f"(rx: (worker_threads: {RECEIVING_THREADS}))")
     config = zenoh.Config()
-    queues = (
-        "real_time",
-        "interactive_high",
-        "data_high",
-        "data",
-        "data_low",
-    )
+    queues = ("real_time", "interactive_high", "data_high", "data", "data_low")
     values: dict[str, object] = {
         "mode": endpoints.mode,
         "listen/endpoints": ways(endpoints, endpoints.listen, listens=True),
@@ -220,6 +220,7 @@ class Wire:
     Attributes:
         overflowed: packets dropped because too many waited.
         oversized: packets that no link sends, because they are too large, or have no header.
+        joins_datagrams: whether datagrams that are sent at once may go in one packet: QUIC does that.
         turns: what works with what `take_at_once` works with must have a turn.
 
     Raises:
@@ -252,6 +253,7 @@ class Wire:
         self._publishers: dict[tuple[str, int, bool, bool], zenoh.Publisher] = {}
         self.overflowed = 0
         self.oversized = 0
+        self.joins_datagrams = has_quic(endpoints)
         on_sample = zenoh.handlers.Callback(self._on_sample, indirect=False)
         self._declared = [
             self._zenoh.declare_subscriber(f"{PACKETS}/{robot}/*", on_sample),

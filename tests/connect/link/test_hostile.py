@@ -51,6 +51,8 @@ OTHER = 77
 class Sent:
     """Keeps what a link sends."""
 
+    joins_datagrams = False
+
     def __init__(self) -> None:
         self.packets: list[DataHeader | ReceiverReport | Beat] = []
 

@@ -4,13 +4,24 @@ import random
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from robbie_mp.connect.link.header import MAGIC, VERSION, Beat, ChannelId, DataHeader, Packet, pack
+from robbie_mp.connect.link.header import (
+    DATAGRAM_BYTES,
+    MAGIC,
+    VERSION,
+    Beat,
+    ChannelId,
+    DataHeader,
+    Packet,
+    pack,
+)
 from robbie_mp.connect.link.peer import SILENT_NS
 from robbie_mp.connect.link.receiving import Arrived, Fate
 from robbie_mp.connect.link.sending import SendLimits
 from robbie_mp.connect.link.traffic import MANNERS, TrafficClass
+from robbie_mp.messages import EmergencyStop
 from tests.connect.link._support.network import MS, Conditions, Network, Robot, two_robots
 
 COMMAND = ChannelId("robbie_msgs/msg/DriveCommand", 1, "manual")
@@ -90,6 +101,93 @@ def test_what_is_not_sent_again_is_counted_as_lost(name: ChannelId) -> None:
     account = red.account(name)
     assert 0 < account.lost < 20  # 40 without copies
     assert account.under_way == 0
+
+
+def test_commands_arrive_in_copies_although_the_network_joins_what_is_sent_at_once() -> None:
+    network, red, blue = two_robots(3, Conditions(delay_ns=5 * MS, loss=0.2, joins_datagrams=True))
+    network.run(5.0)  # the loss is measured
+    before = len(network.carried)
+    for number in range(200):
+        red.offer(COMMAND, TrafficClass.COMMAND, numbered(number))
+        network.run(0.012)  # not all copies have been sent when the next command comes
+    network.run(1.0)
+    assert len(numbers(blue, COMMAND)) > 185  # 160 without copies
+    check_counts(red, blue, COMMAND, 200)
+    data = [packet for _, _, packet, _ in network.carried[before:] if isinstance(packet, DataHeader)]
+    sequences = [packet.sequence for packet in data if packet.traffic is TrafficClass.COMMAND]
+    assert sequences == sorted(sequences)  # no copy follows a newer command
+
+
+def joining(state_period_ns: int = 0) -> tuple[Network, Robot, Robot]:
+    """Two robots over a network that has lost a fifth, so that each datagram goes in three copies."""
+    conditions, limits = Conditions(loss=0.2, joins_datagrams=True), SendLimits(100, 1 << 20, state_period_ns)
+    network, red, blue = two_robots(3, conditions, limits=limits)
+    network.run(5.0)  # the loss is measured
+    network.conditions.loss = 0.0
+    network.carried.clear()
+    return network, red, blue
+
+
+def arrivals(network: Network, traffic: TrafficClass) -> list[int]:
+    """Return when packets of messages arrived, ms."""
+    return [
+        at_ns // MS
+        for at_ns, _, packet, _ in network.carried
+        if isinstance(packet, DataHeader) and packet.traffic is traffic and packet.whole
+    ]
+
+
+def test_copies_go_apart_where_the_network_joins_what_is_sent_at_once() -> None:
+    network, red, _ = joining()
+    red.offer(COMMAND, TrafficClass.COMMAND, numbered(1))
+    network.run(0.003)
+    red.offer(COMMAND, TrafficClass.COMMAND, numbered(2))  # the copies of the first go no more
+    network.run(0.1)
+    first_ms, *copies_ms = arrivals(network, TrafficClass.COMMAND)
+    assert len(copies_ms) == 3
+    assert copies_ms[0] == first_ms + 3
+    assert (np.diff(copies_ms) >= 5).all()
+
+
+def test_copies_of_a_state_that_had_to_wait_go_apart() -> None:
+    network, red, _ = joining(state_period_ns=50 * MS)
+    for number in range(3):
+        red.offer(STATE, TrafficClass.STATE, numbered(number))
+        network.run(0.2 if number == 2 else 0.003)
+    at_ms = arrivals(network, TrafficClass.STATE)
+    assert len(at_ms) == 6
+    assert (np.diff(at_ms) >= 5).all()
+
+
+def test_copies_of_a_message_in_parts_go_at_once() -> None:
+    network, red, _ = joining()
+    red.offer(COMMAND, TrafficClass.COMMAND, numbered(1, DATAGRAM_BYTES))
+    network.run(0.1)
+    at_ms = arrivals(network, TrafficClass.COMMAND)
+    assert at_ms == 6 * at_ms[:1]
+
+
+def test_no_copy_of_a_command_comes_after_something_urgent() -> None:
+    network, red, blue = joining()
+    red.offer(COMMAND, TrafficClass.COMMAND, numbered(1))
+    network.run(0.003)
+    red.offer(STOP, TrafficClass.URGENT, numbered(2))
+    network.run(0.1)
+    assert len(arrivals(network, TrafficClass.COMMAND)) == 1
+    assert [numbers(blue, name) for name in (COMMAND, STOP)] == [[1], [2]]
+
+
+def test_no_copy_of_a_command_waits_for_a_link_that_is_down() -> None:
+    network, red, _ = joining()
+    network.conditions.is_cut = True
+    assert red.node is not None
+    while red.node.peers["blue"].is_up(network.now_ns + 2 * MS):
+        network.run(0.001)
+    red.offer(COMMAND, TrafficClass.COMMAND, numbered(1))
+    network.run(5.0)
+    network.conditions.is_cut = False
+    network.run(2.0)
+    assert not arrivals(network, TrafficClass.COMMAND)
 
 
 def test_messages_of_a_channel_of_which_nothing_arrives_are_counted_as_lost() -> None:
@@ -243,6 +341,56 @@ def test_link_of_another_version_is_told_from_packets_of_no_link() -> None:
         red.take("blue", header, b"")
         assert red.node.peers["blue"].other_version == version
     assert red.node.malformed == 2
+
+
+@pytest.mark.parametrize("is_robot", [False, True], ids=["link", "robot"])
+def test_stop_is_sent_again_to_a_link_that_was_killed_before_it_took_anything(
+    is_robot: bool, tmp_path: Path
+) -> None:
+    network, red, blue = two_robots(9, folder=tmp_path)
+    red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(0))
+    network.run(0.3)
+    red.kill()
+    red.start()
+    network.run(1.0)  # blue hears the new session, and has taken none of its messages
+    network.conditions.is_cut = True
+    stop, release = (EmergencyStop(engaged=engaged).encode() for engaged in (True, False))
+    for data in (release, stop, stop):
+        red.offer(STOP, TrafficClass.URGENT, data)
+    red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(1))
+    network.run(0.1)
+    blue.kill()
+    if is_robot:
+        blue.forget()
+    network.run(SILENT_NS / 1e9)
+    red.offer(STOP, TrafficClass.URGENT, release)  # which waits for the link
+    network.conditions.is_cut = False
+    blue.start()
+    network.run(1.5)
+    assert [arrived.data for _, arrived in blue.journal if arrived.name == STOP] == [stop, stop, release]
+    assert numbers(blue, RELIABLE) == [0]
+    for name, lost in ((STOP, 1), (RELIABLE, 1)):
+        account = red.account(name)
+        assert (account.received, account.lost, account.under_way) == (account.sent - lost, lost, 0)
+    red.kill()
+    blue.kill()
+
+
+def test_a_robot_that_has_forgotten_all_counts_from_the_beginning(tmp_path: Path) -> None:
+    network, red, blue = two_robots(9, folder=tmp_path)
+    for number in range(10):
+        red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(number))
+    network.run(1.0)
+    blue.kill()
+    blue.forget()
+    blue.start()
+    network.run(1.5)
+    red.offer(RELIABLE, TrafficClass.RELIABLE, numbered(10))
+    network.run(1.0)
+    account = red.account(RELIABLE)
+    assert (account.sent, account.received, account.lost) == (11, 11, 0)
+    red.kill()
+    blue.kill()
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from robbie_mp.connect.link.wire import STREAMS, Endpoints, open_session, ways
+from robbie_mp.connect.link.wire import STREAMS, Endpoints, has_quic, open_session, ways
 from tests._support.robot import wait_until
 from tools.robot import free_port
 
@@ -38,6 +38,11 @@ def linked() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
 )
 def test_a_stream_has_datagrams_beside_it(address: str, expected: list[str]) -> None:
     assert ways(Endpoints(datagrams=True), [address], listens=True) == expected
+    for endpoints in (
+        Endpoints(connect=[address], datagrams=True),
+        Endpoints(listen=[address], datagrams=True),
+    ):
+        assert has_quic(endpoints) == address.startswith("tls/")
 
 
 def test_two_links_have_a_stream_for_each_range_of_priorities_at_one_address(

@@ -30,6 +30,8 @@ class Conditions:
     is_cut: bool = False
     queue_bytes: int = 1 << 20
     """Packets that find more in front of them are lost."""
+    joins_datagrams: bool = False
+    """Datagrams that a robot sends at the same time arrive together, or not at all."""
 
 
 class Network:
@@ -46,6 +48,8 @@ class Network:
         self._numbers = count()
         self._free_ns: dict[tuple[str, str], int] = {}
         self._last_ns: dict[tuple[str, str], int] = {}
+        self._fates: dict[tuple[str, str], tuple[int, bool]] = {}
+        """When the last datagram was sent, and whether it was lost."""
 
     def at(self, at_ns: int, action: Callable[[], None]) -> None:
         """Do something at a time."""
@@ -73,7 +77,12 @@ class Network:
         size = len(header) + len(payload) + 60
         free_ns = max(self._free_ns.get(way, 0), self.now_ns)
         waits = (free_ns - self.now_ns) / 1e9 * conditions.bytes_per_s
-        if conditions.is_cut or self.random.random() < conditions.loss or waits > conditions.queue_bytes:
+        is_lost, joins = self.random.random() < conditions.loss, conditions.joins_datagrams and is_datagram
+        if joins and self._fates.get(way, (0, False))[0] == self.now_ns:
+            is_lost = self._fates[way][1]
+        if joins:
+            self._fates[way] = (self.now_ns, is_lost)
+        if conditions.is_cut or is_lost or waits > conditions.queue_bytes:
             return
         sent_ns = free_ns + round(size / conditions.bytes_per_s * 1e9)
         self._free_ns[way] = sent_ns
@@ -109,6 +118,11 @@ class Robot:
         self.node: LinkNode | None = None
         self.start()
         self._tick()
+
+    @property
+    def joins_datagrams(self) -> bool:
+        """As the network does."""
+        return self.network.conditions.joins_datagrams
 
     def start(self) -> None:
         """Start a process of the link."""
