@@ -190,8 +190,13 @@ class FarPage:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("mbit_per_s", "trip_s", "map_bytes"), [(0.3, 0.15, 300), (1.0, 0.1, 12_000)])
-def test_pictures_and_map_do_not_starve_each_other(mbit_per_s: float, trip_s: float, map_bytes: int) -> None:
+@pytest.mark.parametrize(
+    ("mbit_per_s", "trip_s", "map_bytes", "least_hz"),
+    [(0.3, 0.15, 300, 0.0), (1.0, 0.1, 12_000, 0.0), (20.0, 0.15, 12_000, 7.0)],
+)
+def test_pictures_and_map_do_not_starve_each_other(
+    mbit_per_s: float, trip_s: float, map_bytes: int, least_hz: float
+) -> None:
     async def run() -> None:
         page, shared, live, latest = FarPage(mbit_per_s, trip_s), PageNetwork(), LiveParts(), Latest[Any]()
         camera = NewestPicture(latest)
@@ -212,6 +217,7 @@ def test_pictures_and_map_do_not_starve_each_other(mbit_per_s: float, trip_s: fl
         for name, sent_s in page.sent_s.items():
             gaps_s = np.diff([at_s for at_s in sent_s if at_s > end_s - 6.0], append=end_s)
             assert max(gaps_s) < 2.0, f"{name}: {gaps_s}"
+        assert sum(at_s > end_s - 6.0 for at_s in page.sent_s["pictures"]) >= 6.0 * least_hz
 
     asyncio.run(run())
 

@@ -20,7 +20,14 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from robbie_mp.station.live.h264 import VIDEO_GRADES, VideoFailed, VideoGrade, VideoStream, VideoStreams
-from robbie_mp.station.live.network import UNKNOWN_S_PER_BYTE, NetworkCost, PageNetwork, Transfer
+from robbie_mp.station.live.network import (
+    ESTIMATES,
+    UNDER_WAY_S,
+    UNKNOWN_S_PER_BYTE,
+    NetworkCost,
+    PageNetwork,
+    Transfer,
+)
 from robbie_mp.station.live.parts import DRAWING_LIMIT_S, packed
 from robbie_mp.station.watch.pictures import Grade, GradedPicture, NewestPicture
 from robbie_mp.station.web.page_json import from_page
@@ -136,6 +143,8 @@ class VideoFollower:
         self._ends: list[Callable[[], None]] = []
         self._cost = NetworkCost(SHORTEST_WAY_S)
         network.costs.add(self._cost)
+        self._answers_s: deque[float] = deque([0.0], maxlen=ESTIMATES)
+        """How long the page took to answer the last pictures."""
         self._flying: deque[tuple[Transfer, bool]] = deque()
         """The pictures that the page has not yet drawn, and whether they are full."""
         self._free_s = -math.inf
@@ -160,6 +169,7 @@ class VideoFollower:
             (sent, is_full), told = self._flying.popleft(), said.get("way_s")
             way_s = float(told) if isinstance(told, (int, float)) else None
             self._network.came(sent, way_s)
+            self._answers_s.append(time.monotonic() - sent.sent_s)
             if way_s is not None:
                 self._cost.add(sent.size, way_s, is_full=is_full)
             self._drawn_s = time.monotonic()
@@ -262,7 +272,9 @@ class VideoFollower:
         stream, note = self._stream_of(wanted.name, source)
         is_large = next(iter(self._wanted.values())) is wanted
         wanted.use(GRADES if stream is None else VIDEO_GRADES)
-        limit_s = COST_LIMIT_S if is_large else SMALL_COST_S
+        # Until the answers of those before, all that is under way must need little.
+        at_once = max(1.0, min(self._answers_s) / MIN_PERIOD_S)
+        limit_s = min(COST_LIMIT_S if is_large else SMALL_COST_S, UNDER_WAY_S / at_once)
         wanted.grade = wanted.choose(self._cost, limit_s)
         wanted.sent = source.count
         picture = await self._encoded(wanted, source, stream, limit_s)
