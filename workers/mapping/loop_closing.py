@@ -274,8 +274,9 @@ class LoopCloser:
             old: The sweep that may have been taken at the same place.
             guess: Where to begin.
             window: The poses to search.
-            is_near: Whether the guess is the map's own. It is kept if it fits nearly as well: of what shows
-                little of one direction, the best fit may be anywhere along it.
+            is_near: Whether the guess is the map's own. It is kept if it fits nearly as well, or if the map's
+                certainty outweighs what fits better: of what shows little of one direction, the best fit may
+                be anywhere along it.
 
         Returns:
             The pose of the newest sweep, or None if the places differ.
@@ -294,9 +295,12 @@ class LoopCloser:
         matcher = ScanMatcher(surfaces)
         whole = matcher.refine(here, found.pose)
         if is_near and _is_large(_apart(guess, whole.pose)):
-            known = np.linalg.inv(keys.graph.covariance_between(old, newest) + np.diag(SLACK**2))
-            own = matcher.refine(here, guess, guess, rotated_information(known, keys.poses[old, 2]))
-            if own.on_surface.mean() >= whole.on_surface.mean() - SLIGHTLY_WORSE:
+            covariance = keys.graph.covariance_between(old, newest) + np.diag(SLACK**2)
+            known = rotated_information(np.linalg.inv(covariance), keys.poses[old, 2])
+            own = matcher.refine(here, guess, guess, known)
+            is_slight = own.on_surface.mean() >= whole.on_surface.mean() - SLIGHTLY_WORSE
+            costs = [matcher.cost(here, one, window.distance_m, guess, known) for one in (own, whole)]
+            if is_slight or costs[0] <= costs[1]:
                 whole = own
         if whole.on_surface.mean() < LEAST_OVERLAP:
             return None

@@ -31,6 +31,7 @@ WINDOWS = ((1.5, 0.4, 0.5), (3.0, np.pi, 0.8))  # searched in turn: m, rad, leas
 DOUBT_PER_M2 = 0.01
 RIVAL_M, RIVAL_RAD = 0.3, 0.2  # a place this far from the best one is another place
 RIVAL_WORSE = 0.1  # which fits as well if no sweep agrees by more than this less, though it may overlap less
+DECIDING = 6  # sweeps in succession that fit several spots of a corridor, after which odometry decides
 LEAST_SCORE = 0.25
 NEAR_M = 6.0  # beyond the window: sweeps from there show its surfaces
 FAMILIAR_M = 50.0  # along the pose graph, within which its drift is no slip
@@ -179,7 +180,8 @@ class SlipWatch:
                     return None
                 if agreement >= DOUBTFUL and not self._undecided:
                     break
-        if agreement >= DOUBTFUL and not self._undecided:
+        # New space agrees with everything, so it tells a lost robot nothing.
+        if agreement >= DOUBTFUL and not self._undecided and not (self.lost and hardly_overlaps):
             has_slipped = _is_strained(guess, SLIP_DEVIATIONS * deviation, match)
             self.noticed += has_slipped
             self._forget()
@@ -274,10 +276,14 @@ class SlipWatch:
             match, agrees, other, sought, around, is_suspect, is_strained
         ):
             return match if is_strained else None, False
+        if self.lost < DECIDING:  # what the next sweeps show may tell the spots from each other
+            around = replace(around, along=None)
         rival = self._rival(found, match, sought, around)
         is_only = rival is None or self.lost == MOST_LOST
         if is_only and self._undecided:
-            match = sought.matcher.refine(sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS), match.pose)
+            hits, known = sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS), match.information
+            match = sought.matcher.refine(hits, match.pose, match.pose, known)
+            match = replace(match, information=match.information + known)
         return match if rival is None else _doubting(match, rival), is_only
 
     def _sought(
@@ -332,7 +338,7 @@ class SlipWatch:
         if is_strained or not is_better:
             return bool(is_better)
         # New space and people also hide the map. After a slip, the sweep looks through its walls.
-        return self._missing(other, sought) - self._missing(match, sought) >= CLEARLY_BETTER
+        return self._missing(other, sought) - self._missing(match, sought) >= MOST_MISSING
 
     def _rival(self, found: Found, match: Match, sought: "_Sought", around: Around) -> Match | None:
         """Return whether another place than those `around` a match fits as well.

@@ -120,6 +120,23 @@ def test_sweep_that_fits_two_places_is_not_placed_until_others_decide() -> None:
         assert (watch.noticed, watch.not_undone, watch.lost) == (1, 0, 0)
 
 
+def test_new_space_does_not_tell_a_lost_robot_where_it_is() -> None:
+    """It agrees with everything, so the robot was sure of odometry's place right after a slip."""
+    keys = KeySweeps()
+    for x_m in np.arange(0.0, 16.5, 0.5):
+        keys.add(seen_in_a_corridor(x_m), (x_m, 0, 0))
+    reference, deviation = list(range(20, 33)), np.full(3, 0.05)
+    matcher, beyond = ScanMatcher(keys.surfaces(reference)), np.array([10.0, 50.0, 0.0])
+    nowhere = LaserSweep.from_ranges(np.where(np.arange(180) % 60 < 30, 0.3, 0.6), *BEAMS)
+    for sweeps, is_known in (([seen_in_a_corridor(1.0)], True), ([nowhere, seen_in_a_corridor(1.0)], False)):
+        watch = SlipWatch(keys)
+        for sweep in sweeps:
+            guess = np.array([16.0, 0.0, 0.0]) if sweep is nowhere else beyond
+            found = watch.checked(sweep, guess, deviation, matcher.refine(sweep.hits, guess), reference)
+        assert (found is not None) == is_known
+        assert (watch.lost == 0) == is_known
+
+
 @pytest.mark.slow
 def test_trial_is_not_misled_by_a_wrong_place_that_fits() -> None:
     building = trial(13, slips=1, after_m=1.0)
