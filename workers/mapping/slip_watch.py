@@ -31,6 +31,7 @@ WINDOWS = ((1.5, 0.4, 0.5), (3.0, np.pi, 0.8))  # searched in turn: m, rad, leas
 DOUBT_PER_M2 = 0.01
 RIVAL_M, RIVAL_RAD = 0.3, 0.2  # a place this far from the best one is another place
 RIVAL_WORSE = 0.1  # which fits as well if no sweep agrees by more than this less, though it may overlap less
+BETWEEN = np.array([0.05, 0.05, 0.02])  # m, m, rad: odometry over the sweeps that are matched together
 DECIDING = 6  # sweeps in succession that fit several spots of a corridor, after which odometry decides
 LEAST_SCORE = 0.25
 NEAR_M = 6.0  # beyond the window: sweeps from there show its surfaces
@@ -276,12 +277,15 @@ class SlipWatch:
             match, agrees, other, sought, around, is_suspect, is_strained
         ):
             return match if is_strained else None, False
-        if self.lost < DECIDING:  # what the next sweeps show may tell the spots from each other
+        is_slip = other is not None or bool(self._undecided)  # and not a gap, after which no sweeps are kept
+        if is_slip and self.lost < DECIDING:  # the next sweeps may tell the spots from each other
             around = replace(around, along=None)
         rival = self._rival(found, match, sought, around)
         is_only = rival is None or self.lost == MOST_LOST
         if is_only and self._undecided:
-            hits, known = sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS), match.information
+            # What all sweeps together show is known only as well as odometry knows the way between them.
+            known = match.information @ np.linalg.inv(np.eye(3) + np.diag(BETWEEN**2) @ match.information)
+            hits = sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS)
             match = sought.matcher.refine(hits, match.pose, match.pose, known)
             match = replace(match, information=match.information + known)
         return match if rival is None else _doubting(match, rival), is_only

@@ -171,6 +171,18 @@ def test_robot_is_not_found_by_people_after_a_gap() -> None:
     assert SlipWatch(keys).bridged(walked_on, NOWHERE, np.array([0.5, 0.5, 0.2])) is None
 
 
+def test_robot_is_found_after_a_gap_although_a_corridor_leaves_open_how_far_along_it_it_is() -> None:
+    """After a slip, mapping waits for sweeps that show it; a gap has only this one."""
+    keys = KeySweeps()
+    for x in np.arange(-6.0, 6.0, 0.5):
+        keys.add(swept(np.array([x, 0.0, 0.0]), corridor(), NO_TRUNKS), (x, 0.0, 0.0))
+    guess, deviation = np.array([1.0, 0.3, 0.1]), np.array([0.5, 0.5, 0.2])
+    found = SlipWatch(keys).bridged(swept(NOWHERE, corridor(), NO_TRUNKS), guess, deviation)
+    assert found is not None
+    assert np.abs(found.pose[1:]).max() < 0.05
+    assert np.linalg.inv(found.information)[0, 0] > 0.3**2
+
+
 def loops_off_m(segments: Array, true: Array, drift_m: float) -> tuple[Array, Array]:
     """Return how far each loop is off along the corridor, `(N,)`, and the standard deviations of that.
 
