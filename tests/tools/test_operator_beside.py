@@ -12,7 +12,7 @@ from tools.operator.beside import (
     CONTROL,
     PAGE,
     WITHOUT,
-    Block,
+    SessionPart,
     ThreadLoad,
     as_table,
     cpu_s,
@@ -40,13 +40,13 @@ def test_ratios_are_those_of_all_messages_together() -> None:
     quick, slow, slower = (
         np.eye(1, HISTOGRAM_BUCKETS, bucket, dtype=np.int64)[0] for bucket in (40, 100, 116)
     )
-    blocks = [
-        Block(WITHOUT, 98 * quick + 2 * slow, 5.0),
-        Block(WITHOUT, 98 * quick + 2 * slow, 5.0),
-        Block(PAGE, 100 * slower, 5.0),
-        Block(PAGE, 5000 * quick + 2 * slower, 5.0),
-        Block(CONTROL, 100 * quick, 5.0),
+    parts = [
+        SessionPart(WITHOUT, 98 * quick + 2 * slow, 5.0),
+        SessionPart(WITHOUT, 98 * quick + 2 * slow, 5.0),
+        SessionPart(PAGE, 100 * slower, 5.0),
+        SessionPart(PAGE, 5000 * quick + 2 * slower, 5.0),
+        SessionPart(CONTROL, 100 * quick, 5.0),
     ]
-    table = as_table(blocks)
+    table = as_table(parts)
     assert f"page ÷ without: {quantile_s(slower, 1) / quantile_s(slow, 1):.2f}" in table
     assert f"page ÷ control: {quantile_s(slower, 1) / quantile_s(quick, 1):.2f}" in table

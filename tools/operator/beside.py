@@ -92,8 +92,8 @@ class ThreadLoad:
 
 
 @dataclass(frozen=True)
-class Block:
-    """A time in which nothing changed.
+class SessionPart:
+    """Some seconds in which nothing changed.
 
     Attributes:
         session: `WITHOUT`, `PAGE` or `CONTROL`.
@@ -201,7 +201,7 @@ def cpu_s(pids: list[int]) -> float:
     return sum(one.user + one.system for one in times)
 
 
-def measure(rounds: int, seconds: float) -> Iterator[Block]:
+def measure(rounds: int, seconds: float) -> Iterator[SessionPart]:
     """Run one robot, and yield what its modules needed without a page, with one, and with the control."""
     with work_folder() as (_, folder):
         (folder / "operator.token").touch(mode=0o600)
@@ -210,18 +210,18 @@ def measure(rounds: int, seconds: float) -> Iterator[Block]:
             robot.wait_until_running()
             station = robot.figures()["operator"].pid
             for _ in range(rounds):
-                yield block(robot, WITHOUT, [station], seconds)
+                yield part(robot, WITHOUT, [station], seconds)
                 with page_of(robot) as page:
                     used, used_ns = {pid: used_by(pid) for pid in (station, page)}, time.monotonic_ns()
-                    yield block(robot, PAGE, [station, page], seconds)
+                    yield part(robot, PAGE, [station, page], seconds)
                     took_s = (time.monotonic_ns() - used_ns) / 1e9
                     loads = loads_between(used[station], used_by(station), took_s, 0)
                     loads += loads_between(used[page], used_by(page), took_s, NICE)
                 with imitated(loads) as pids:
-                    yield block(robot, CONTROL, pids, seconds)
+                    yield part(robot, CONTROL, pids, seconds)
 
 
-def block(robot: Robot, session: str, pids: list[int], seconds: float) -> Block:
+def part(robot: Robot, session: str, pids: list[int], seconds: float) -> SessionPart:
     """Wait until the robot is used to what has just changed, and measure."""
     assert robot.observer is not None
     listeners = [f"listener{number}" for number in range(PAIRS)]
@@ -229,14 +229,14 @@ def block(robot: Robot, session: str, pids: list[int], seconds: float) -> Block:
     before, used_s = histogram_of(robot.observer.read(), listeners), cpu_s(pids)
     time.sleep(seconds)
     now, used_s = histogram_of(robot.observer.read(), listeners), cpu_s(pids) - used_s
-    return Block(session, now.counts - before.counts, 100 * used_s / seconds)
+    return SessionPart(session, now.counts - before.counts, 100 * used_s / seconds)
 
 
-def as_table(blocks: list[Block]) -> str:
+def as_table(parts: list[SessionPart]) -> str:
     """Return a table with a row for each session, of all its messages together, and the ratios below it."""
     rows, p99_us = [], {}
     for name in (WITHOUT, PAGE, CONTROL):
-        own = [one for one in blocks if one.session == name]
+        own = [one for one in parts if one.session == name]
         counts = np.sum([one.counts for one in own], axis=0)
         p50_us, p99_us[name] = (quantile_s(counts, fraction) * 1e6 for fraction in (0.5, 0.99))
         figures = (int(counts.sum()), p50_us, p99_us[name], median(one.percent for one in own))
