@@ -358,18 +358,18 @@ def _kill_core_twice(scenario: Scenario, settings: dict[str, Any], strides: tupl
     first_lives = states(scenario, settings, ())
     seen = set(first_lives)
     pairs = played = 0
-    second_lives: dict[int, list[int]] = {}
+    pairs_after: dict[int, int] = {}
     for first in range(0, len(first_lives), strides[0]):
-        after = second_lives.get(first_lives[first])
-        if after is None:
-            after = second_lives[first_lives[first]] = states(scenario, settings, (first,))
-        pairs += len(range(0, len(after), strides[1]))
-        for second in range(0, len(after), strides[1]):
-            if after[second] not in seen:
-                seen.add(after[second])
-                history = play(scenario, settings, (first, second))
-                assert history.run.crashes == 2
-                played += 1
+        if first_lives[first] not in pairs_after:
+            after = states(scenario, settings, (first,))[:: strides[1]]
+            pairs_after[first_lives[first]] = len(after)
+            for number, state in enumerate(after):
+                if state not in seen:
+                    seen.add(state)
+                    history = play(scenario, settings, (first, number * strides[1]))
+                    assert history.run.crashes == 2
+                    played += 1
+        pairs += pairs_after[first_lives[first]]
     print(f"{scenario.__name__}: {pairs} pairs of deaths, {played} different ones played, 0 violations")
 
 
