@@ -177,6 +177,7 @@ class FarPage:
         self._byte_per_s, self._trip_s = mbit_per_s * 1e6 / BIT_PER_BYTE, trip_s
         self._free_s = 0.0
         self.sent_s: dict[str, list[float]] = {"pictures": [], "map": []}
+        self.sizes: list[int] = []
 
     async def show(self, name: str, follower: Follows) -> None:
         """Show what a follower sends."""
@@ -184,6 +185,7 @@ class FarPage:
         while (packet := await follower.next()) is not None:
             now_s = loop.time()
             self.sent_s[name].append(now_s)
+            self.sizes.append(len(packet))
             self._free_s = max(self._free_s, now_s) + len(packet) / self._byte_per_s
             way_s = self._free_s - now_s
             loop.call_later(way_s + self._trip_s, follower.hear, json.dumps({"way_s": way_s}))
@@ -218,6 +220,27 @@ def test_pictures_and_map_do_not_starve_each_other(
             gaps_s = np.diff([at_s for at_s in sent_s if at_s > end_s - 6.0], append=end_s)
             assert max(gaps_s) < 2.0, f"{name}: {gaps_s}"
         assert sum(at_s > end_s - 6.0 for at_s in page.sent_s["pictures"]) >= 6.0 * least_hz
+
+    asyncio.run(run())
+
+
+@pytest.mark.slow
+def test_page_that_answers_late_gets_pictures_for_three_under_way_and_no_smaller_ones() -> None:
+    """At most three are; a browser that takes a second to draw is no slow network."""
+
+    async def run() -> None:
+        page, latest = FarPage(5.0, 1.0), Latest[Any]()
+        camera = NewestPicture(latest)
+        video = VideoFollower(lambda: {"eye": camera}, VideoStreams(Mock()), PageNetwork())
+        video.hear('{"want": {"eye": 640}}')
+        showing = asyncio.ensure_future(page.show("pictures", video))
+        noise = np.random.default_rng(1).integers(0, 256, (480, 640), np.uint8)
+        for _ in range(80):
+            latest.put(Image(height=480, width=640, encoding="mono8", step=640, data=noise.ravel()))
+            await asyncio.sleep(0.1)
+        video.go()
+        await showing
+        assert page.sizes[-1] > 10_000
 
     asyncio.run(run())
 

@@ -273,7 +273,7 @@ class VideoFollower:
         is_large = next(iter(self._wanted.values())) is wanted
         wanted.use(GRADES if stream is None else VIDEO_GRADES)
         # From far away, answers come late, so several pictures are under way at once and share what may be.
-        at_once = max(1.0, min(self._answers_s) / MIN_PERIOD_S)
+        at_once = min(MAX_AHEAD, max(1.0, min(self._answers_s) / MIN_PERIOD_S))
         limit_s = min(COST_LIMIT_S if is_large else SMALL_COST_S, UNDER_WAY_S / at_once)
         wanted.grade = wanted.choose(self._cost, limit_s)
         wanted.sent = source.count

@@ -83,7 +83,7 @@ class Latched(Message, name="crashes/msg/Latched", latched=True):
     value: int32
 
 
-class Numbers(Message, name="crashes/msg/Numbers"):
+class ManyNumbers(Message, name="crashes/msg/ManyNumbers"):
     numbers: list[Number]
 
 
@@ -145,7 +145,7 @@ class Feeder(Module):
             self.call(Ask(value=13), lambda _reply: None, lambda _error: None, topic="server")
             self.send_goal(Climb(steps=3), lambda _top: None, lambda _error: None, topic="climber")
         numbers = [Number(value=number, weights=np.zeros(0)) for number in range(20 - self.n)]
-        self.publish(Numbers(numbers=numbers), topic="fewer")
+        self.publish(ManyNumbers(numbers=numbers), topic="fewer")
         for _ in range(10):
             self.publish(Number(value=self.n, weights=np.zeros(75)), topic="many")
         self.move()
@@ -628,9 +628,9 @@ class LongHistory(Crasher):
 class NestedMessages(Crasher):
     def setup(self) -> None:
         super().setup()
-        self.subscribe(Numbers, self.on_numbers, topic="fewer")
+        self.subscribe(ManyNumbers, self.on_numbers, topic="fewer")
 
-    def on_numbers(self, message: Numbers) -> None:
+    def on_numbers(self, message: ManyNumbers) -> None:
         self.n += min(number.value for number in message.numbers)
 
 
