@@ -49,6 +49,7 @@ class StopGuard:
         self._descriptor = descriptor
         self._until_s = 0.0
         self._unanswered: deque[float] = deque()
+        self._is_lost = False
         self._process: subprocess.Popen[bytes] | None = None
         self._start()
         select.select([self._answers], [], [], FIRST_ANSWER_LIMIT_S)
@@ -62,13 +63,20 @@ class StopGuard:
         return is_allowed
 
     def watch(self) -> str:
-        """Replace the guard if it is lost. Return why it was, '' if it is not."""
+        """Replace the guard if it is lost. Return why it was, '' if it is not.
+
+        The next call starts the new one: you stop the robot first, because a new guard has no order to end.
+        """
+        if self._is_lost:
+            self._is_lost = False
+            with suppress(OSError):
+                self._start()
+            return ""
         reason = self._loss()
         if reason:
             self._until_s = 0.0
             self._kill()
-            with suppress(OSError):
-                self._start()
+            self._is_lost = True
         elif self._has_answered and time.monotonic() >= self._sent_s + PING_PERIOD_S:
             self._send()
         return reason
