@@ -25,7 +25,7 @@ from tests.station._support.browser import (
 from tests.station.test_map_page import place_on_page
 from tools.trials.missions.rescue import RescueResult, judge
 
-pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(500)]
+pytestmark = [needs_chromium, pytest.mark.slow, pytest.mark.timeout(700)]
 ARENA = """
 cell_m: 0.25
 start_heading_rad: 0.0
@@ -70,6 +70,8 @@ DRIVES = "/[1-9]/.test(document.querySelector('#velocity').textContent.split(','
 STANDS = "document.querySelector('#velocity').textContent.startsWith('0.00 m/s, 0.00 rad/s')"
 MAP_IS_OLD = "document.querySelector('#map-view').parentElement.dataset.age?.startsWith('Position')"
 LOOK_S = 0.2
+MISSION_LIMIT_S = 300.0
+"""On a busy machine, commands rest on what is too old again and again, and the robot stands meanwhile."""
 
 
 class Operator:
@@ -83,18 +85,18 @@ class Operator:
         self.page = page
         self.confirmed: set[str] = set()
 
-    def until(self, script: str) -> None:
+    def until(self, script: str, limit_s: float = LIMIT_S) -> None:
         """Wait until the page shows something; answer what it asks meanwhile."""
-        end_s = time.monotonic() + LIMIT_S
+        end_s = time.monotonic() + limit_s
         while not self.page.evaluate(script):
-            assert time.monotonic() < end_s, f"not within {LIMIT_S} s: {script}"
+            assert time.monotonic() < end_s, f"not within {limit_s} s: {script}"
             self.answer()
             time.sleep(LOOK_S)
 
-    def until_shown(self, selector: str) -> None:
+    def until_shown(self, selector: str, limit_s: float = LIMIT_S) -> None:
         """Wait until the page shows an element whose text has a part."""
         what, _, text = selector.partition(": ")
-        self.until(f"document.querySelector('{what}')?.innerText.includes('{text}')")
+        self.until(f"document.querySelector('{what}')?.innerText.includes('{text}')", limit_s)
 
     def answer(self) -> None:
         """Confirm the victim that the page asks about, once its picture has come."""
@@ -136,7 +138,7 @@ def test_operator_leads_a_mission_by_the_page_alone(robot: Robot) -> None:
         stop_ends_the_motion_and_the_mission_goes_on_after_its_release(operator)
         operator_drives_and_gives_control_back(operator)
         broken_mapping_is_seen_and_started_again(operator, robot)
-        operator.until_shown("#mission-results h2: The mission is done")
+        operator.until_shown("#mission-results h2: The mission is done", MISSION_LIMIT_S)
         report_comes_home(page)
         assert operator.confirmed == set(VICTIMS)
         assert run.poll() is None
