@@ -37,6 +37,8 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
 };
 }"""
 MAX_CONTEXTS = 3
+LONG_MS = 1000
+"""The page shows what the robot says several times meanwhile."""
 """One draws the scene, and one finds out whether there is a graphics card. A browser keeps 16."""
 NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_link": "3.00,1.25,0.00"}
 SCENE = "Object.entries(window).find(([name]) => name.startsWith('scene_'))[1]"
@@ -234,7 +236,7 @@ def lights_are_switched_by_key_button_and_slider(page: Page, robot: Robot) -> No
     page.click("#tab-joints")
     page.wait_for_selector("[data-light-at='rear light']:text-is('0%')")
     page.focus("[data-light='rear light'] [tabindex]")
-    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowRight", delay=LONG_MS)
     robot.until(lambda modules: modules["lamps"]["status"] == "headlight 0%, rear light 5%")
     page.wait_for_selector("[data-light-at='rear light']:text-is('5%')")
     page.click("#tab-camera")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import secrets
 import time
-from collections import deque
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -101,9 +100,8 @@ class PlaybackBar:
         if (state := self._expected()) is not None:
             self.order(page, "resume" if state.paused else "pause")
 
-    def _seek(self, page: Page, position_s: object) -> None:
-        if isinstance(position_s, int | float) and math.isfinite(position_s):
-            self.order(page, "seek", float(position_s))
+    def _seek(self, page: Page, position_s: float) -> None:
+        self.order(page, "seek", position_s)
 
     def _leap(self, page: Page, by_s: float) -> None:
         """Go back or ahead from where the log is."""
@@ -194,11 +192,7 @@ class PlaybackBar:
         place = Slider(min=0.0, max=1.0, step=0.001).props('aria-label="Position in s"')
         place.set_enabled(page.role is Role.OPERATOR)
         if page.role is Role.OPERATOR:
-            # Only the operator causes these two; a new position does not. The position may change
-            # between them, and then the slider's own value is not what the operator has chosen.
-            chosen: deque[object] = deque(maxlen=1)
-            place.on("update:model-value", lambda event: chosen.append(event.args))
-            place.on("change", lambda event: self._seek(page, chosen.pop() if chosen else event.args))
+            place.on_chosen(lambda position_s: self._seek(page, position_s))
         held: list[bool] = []
         place.on("pan", lambda event: held.append(True) if event.args == "start" else held.clear())
         return place, held

@@ -156,5 +156,4 @@ def _element_for(outline: dict[str, Any], ask: Callable[[Any], None]) -> ui.sele
         return ui.switch("on").on_value_change(lambda event: ask(event.value))
     low, high = outline["minimum"], outline["maximum"]
     slider = Slider(min=low, max=high, step=(high - low) / STEPS, value=low).props("label")
-    # The event "change" means that the operator has released the slider, not that the value is new.
-    return slider.on("change", lambda event: ask(event.args))
+    return slider.on_chosen(ask)

@@ -80,8 +80,7 @@ class LightSliders:
             slider = Slider(min=0, max=FULL_PERCENT, step=step).classes("light-slider")
             slider.props["aria-label"] = f"Brightness of the {light.name} in percent"
             slider.props["data-light"] = light.name
-            # Only what the visitor does: the value itself also changes when the light does.
-            slider.on("change", lambda event: ask_for(self._page, light, float(event.args) / FULL_PERCENT))
+            slider.on_chosen(lambda percent: ask_for(self._page, light, percent / FULL_PERCENT))
             text = ui.label("").classes("joint-at").props(f'data-light-at="{light.name}"')
         return slider, text
 
