@@ -180,9 +180,10 @@ class ClipFolder:
         """
         folder = self.path / clip
         make_private_folder(folder)
-        write_private(folder / ABOUT, msgspec.json.format(msgspec.json.encode(about)), durably=True)
-        with contextlib.suppress(LogError):
+        with contextlib.suppress(LogError, OSError):  # without it, all but ROS 2 open the clip
             write_bag_metadata(folder)
+        # The last file: a clip that has it is whole.
+        write_private(folder / ABOUT, msgspec.json.format(msgspec.json.encode(about)), durably=True)
         return _read(folder).bytes
 
     def _make_room(self, size: int, own: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robbie_mp.logs.black_box import clip_writer
+from robbie_mp.logs.black_box import clip_folder, clip_writer
 from robbie_mp.logs.black_box.clip_folder import PINNED, AboutClip, ClipFolder, clip_name, saved_clips
 from robbie_mp.logs.black_box.clip_writer import ClipResult, ClipWriter
 from robbie_mp.logs.black_box.large_messages import LargeMessages
@@ -48,6 +48,20 @@ def test_clip_is_a_log_of_all_its_parts(tmp_path: Path) -> None:
     with open_log(ring) as of_ring, open_log(clip) as of_clip:
         assert of_clip.is_complete
         assert [one.data for one in of_clip.messages()] == [one.data for one in of_ring.messages()]
+
+
+def test_clip_is_described_after_all_else_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    described_before: list[bool] = []
+    folder, ring = ClipFolder(tmp_path / "out", 1 << 30), ring_of(tmp_path, 1)
+
+    def write(clip: Path) -> None:
+        described_before.append(saved_clips([folder.path])[0].about is not None)
+        raise OSError(errno.ENOSPC, "no space")
+
+    monkeypatch.setattr(clip_folder, "write_bag_metadata", write)
+    written(folder, ring, clip_name("x", ()), 1)
+    assert described_before == [False]
+    assert saved_clips([folder.path])[0].about == ABOUT
 
 
 def test_part_of_a_killed_writer_is_completed(tmp_path: Path) -> None:
