@@ -76,6 +76,9 @@ class Incarnations(Protocol):
     def state_changed(self, change: StateChange) -> None:
         """Publish a change. STARTING comes before `open`; the state after an end comes after `died`."""
 
+    def are_subscribed(self) -> bool:
+        """Return whether the core has read what all RUNNING modules have subscribed; asked at the start."""
+
     def all_started(self) -> None:
         """Let messages flow: every module has been RUNNING or has ended. Called at most once."""
 

@@ -38,6 +38,7 @@ SUPERVISOR = "supervisor"
 SUPERVISOR_SLOT = 0
 SUPERVISOR_SEGMENT_BYTES = 64 << 10
 _FAILED = STATES.index(ChildState.FAILED) + 1
+_RUNNING = STATES.index(ChildState.RUNNING) + 1
 _BEING_STARTED = {STATES.index(state) + 1 for state in (ChildState.STARTING, ChildState.BACKOFF)}
 
 
@@ -91,9 +92,8 @@ class RunMemory:
         latched = SlotBounds(plan.core.latched_messages, plan.core.latched_bytes)
         self.board.create(plan.names, [supervisor, *map(_bounds, plan.modules), *tools, latched])
         now_ns = time.monotonic_ns()
-        running = STATES.index(ChildState.RUNNING) + 1
         self.board.write(
-            SUPERVISOR_SLOT, SlotState("", running, os.getpid(), 1, 0, now_ns, "started", Totals())
+            SUPERVISOR_SLOT, SlotState("", _RUNNING, os.getpid(), 1, 0, now_ns, "started", Totals())
         )
         clock = Segment.create(names.clock(run_id), layout.CLOCK_WORDS, SegmentKind.CLOCK)
         self._clock_words = made.enter_context(contextlib.closing(clock)).words
@@ -103,9 +103,9 @@ class RunMemory:
         self._core_words = made.enter_context(contextlib.closing(core)).words
         wakeup = Wakeup.create(names.core_wakeup(run_id), None, core.words, layout.CORE_ASLEEP)
         self._core_wakeup = made.enter_context(contextlib.closing(wakeup))
-        tables = CoreTables.create(core.words, sizes)
+        self._tables = CoreTables.create(core.words, sizes)
         inbound_records = layout.inbound_records(plan.sizes.credit)
-        self._last_words = LastWordsReader(tables, self.board, inbound_records)
+        self._last_words = LastWordsReader(self._tables, self.board, inbound_records)
         own = IncarnationMemory.create(run_id, SUPERVISOR_SLOT, 1, plan.sizes)
         self._incarnations[SUPERVISOR_SLOT] = (1, own)
         self._own_words = own.out.words
@@ -294,8 +294,7 @@ class RunMemory:
         """Show on the board that a tool is attached."""
         self.started(name, incarnation, pid)
         slot = self._slots[name]
-        running = STATES.index(ChildState.RUNNING) + 1
-        self.board.write(slot, replace(self.board.read(slot), state=running, past=Totals()))
+        self.board.write(slot, replace(self.board.read(slot), state=_RUNNING, past=Totals()))
 
     def detached(self, name: str, incarnation: int, reason: str) -> None:
         """Mark a tool as detached, then have the core reclaim what it held and remove its subscriptions.
@@ -312,6 +311,17 @@ class RunMemory:
         _, memory = self._incarnations[self._slots[name]]
         taken = memory.out.words[layout.OUT_INBOUND_TAIL]
         return memory.into.words[layout.IN_HEAD] - taken, taken
+
+    def are_subscribed(self) -> bool:
+        """Whether the core has read what all running modules have subscribed.
+
+        A busy core may not have read it yet when they are ready. What others publish then would pass them by.
+        """
+        return all(
+            self._core_words[self._tables.publisher(slot) + layout.PUBLISHER_READY] == incarnation
+            for slot, (incarnation, _) in self._incarnations.items()
+            if 0 < slot <= len(self._plan.modules) and self.board.read(slot).state == _RUNNING
+        )
 
     def all_started(self) -> None:
         """Let messages flow."""

@@ -392,7 +392,8 @@ class Tree:
     def _timeout_s(self) -> float:
         waits = [child.poll_in_s() for child in self.children]
         waits += [stop.next_in_s() for stop in ([self._stop] if self._stop else self._partial_stops)]
-        return min([IDLE_POLL_S, *(wait for wait in waits if wait is not None)])
+        longest_s = IDLE_POLL_S if self._was_all_started else POLL_S
+        return min([longest_s, *(wait for wait in waits if wait is not None)])
 
     def _start_allowed(self) -> None:
         for child in self.children:
@@ -409,7 +410,9 @@ class Tree:
         return not self._partial_stops and not states & {None, ChildState.STARTING, ChildState.BACKOFF}
 
     def _announce_all_started(self) -> None:
-        if not self._was_all_started and not self._stop and all(child.was_settled for child in self.children):
+        if self._was_all_started or self._stop or not all(child.was_settled for child in self.children):
+            return
+        if self._incarnations.are_subscribed():
             self._was_all_started = True
             self.say(Kind.INFO, "every module has started or ended: messages flow")
             self._incarnations.all_started()
@@ -424,7 +427,7 @@ class Tree:
             f"{child.spec.name} ({child.state or 'waits for the core'})"
             for child in self.children
             if not child.was_settled
-        ]
+        ] or ["the core, which has yet to read what modules subscribe"]
         if len(awaited) > MAX_NAMED:
             awaited[MAX_NAMED:] = [f"{len(awaited) - MAX_NAMED} more"]
         self.say(Kind.INFO, f"after {waited_s:.0f} s, the start still waits for {', '.join(awaited)}")

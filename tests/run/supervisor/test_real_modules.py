@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 import psutil
 import pytest
@@ -209,6 +210,39 @@ def test_module_that_waits_for_the_start_of_the_run_is_not_suspected(robot: Robo
     figures = robot.until(lambda modules: modules["informed"]["handled"] > 1)
     assert figures["informed"]["restarts"] == 0
     assert stopped(robot).exit_code == 0
+
+
+LATE = """
+import time
+from zoo.modules import Listener
+
+
+class Late(Listener):
+    def setup(self):
+        while not (self.output_directory / "go_on").exists():
+            time.sleep(0.01)
+        super().setup()
+"""
+
+
+def test_core_that_is_late_at_the_start_costs_no_message(robot: Robot) -> None:
+    """Modules publish only after the core has read what all of them subscribe."""
+    (robot.folder / "zoo" / "late.py").write_text(LATE)
+    counter = 'counter: {class: "zoo.modules:Counter", settings: {count: 30}}'
+    listener = 'listener: {class: "zoo.late:Late"}'
+    started(robot, f"modules:\n  {counter}\n  {listener}\ncore: {{deadline_s: 20}}\n")
+    figures = robot.until(
+        lambda modules: (modules["counter"]["state"], modules["listener"]["state"]) == ("RUNNING", "STARTING")
+    )
+    core = psutil.Process(figures["core"]["pid"])
+    core.suspend()
+    (robot.output / "go_on").touch()
+    robot.until(lambda modules: modules["listener"]["state"] == "RUNNING")
+    time.sleep(0.3)  # in which modules would begin that do not wait for the core
+    core.resume()
+    robot.until(lambda modules: modules["counter"]["state"] == "STOPPED")
+    assert stopped(robot).exit_code == 0
+    assert robot.journal("listener") == list(range(30))
 
 
 def test_core_that_stands_still_is_replaced_and_nothing_is_lost(robot: Robot) -> None:

@@ -100,6 +100,9 @@ class FolderIncarnations:
     def state_changed(self, change: StateChange) -> None:
         self.changes.append(change)
 
+    def are_subscribed(self) -> bool:
+        return True
+
     def all_started(self) -> None:
         self.times_all_started += 1
 
