@@ -349,6 +349,7 @@ export default {
       const x = ((event.clientX - box.left) / box.width) * 2 - 1;
       const y = 1 - ((event.clientY - box.top) / box.height) * 2;
       const ray = new THREE.Raycaster();
+      camera.updateMatrixWorld(); // a camera that was moved since the last frame has half of its new pose there
       ray.setFromCamera(new THREE.Vector2(x, y), camera);
       const at = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1), 0), new THREE.Vector3());
       if (at) this.$emit("placed", { what: this.placing, x_m: at.x, y_m: at.y, yaw_rad: null });
