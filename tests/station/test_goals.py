@@ -8,7 +8,7 @@ import pytest
 from robbie_mp.messages import NavigationResult, Point, Pose, PoseStamped, TimeJump
 from robbie_mp.module.calls.errors import GoalAborted
 from robbie_mp.module.envelope import Envelope
-from robbie_mp.station.map.goals import MAX_GOALS, NEXT_GOAL, GoalList, Placement
+from robbie_mp.station.map.goals import GOAL, MAX_GOALS, NEXT_GOAL, GoalList, Placement
 from robbie_mp.station.map.trail import MAX_POINTS, Trail
 from robbie_mp.station.page.requests import Asked
 from robbie_mp.station.watch.latest import Latest
@@ -48,12 +48,32 @@ def test_next_goal_is_sent_when_the_robot_has_reached_the_last_one(goals: GoalLi
     assert (sent.places, [goal.x_m for goal in goals.waiting]) == ([1.0, 2.0], [3.0])
 
 
+def test_goal_that_is_started_takes_the_place_of_all_others_and_the_next_waits_for_it(
+    goals: GoalList, sent: Sent
+) -> None:
+    goals.start(Placement(GOAL, 7.0, 0.0, None))
+    goals.add(Placement(NEXT_GOAL, 8.0, 0.0, None))
+    assert (sent.places, [goal.x_m for goal in goals.waiting]) == ([1.0, 7.0], [8.0])
+    sent.asked[1].end(NavigationResult())
+    goals.tick()
+    assert sent.places == [1.0, 7.0, 8.0]
+
+
 def test_goal_that_fails_ends_the_list(goals: GoalList, sent: Sent) -> None:
     sent.asked[0].end(GoalAborted("a wall"))
     goals.tick()
     assert (sent.places, goals.waiting) == ([1.0], [])
     goals.add(Placement(NEXT_GOAL, 5.0, 0.0, None))
     assert sent.places == [1.0, 5.0]
+
+
+def test_goal_that_is_not_sent_ends_the_list(
+    goals: GoalList, sent: Sent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Sent, "__call__", lambda _sent, _placement: None)
+    sent.asked[0].end(NavigationResult())
+    goals.tick()
+    assert (sent.places, goals.waiting) == ([1.0], [])
 
 
 def test_last_goal_can_be_taken_back(goals: GoalList) -> None:

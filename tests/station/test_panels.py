@@ -127,6 +127,8 @@ class Told:
 HOLD_BACK = """() => navigator.getGamepads = () => [null, {
   axes: [0, 0, 0, 0], buttons: [...Array(17).keys()].map((at) => ({ pressed: at === 8 })),
 }]"""
+WAITING = "Object.values(mounted_app.$refs).flat().find((one) => one?.on_screen).waiting"
+"""The goals that the map shows beside the one that the robot has."""
 NEAR_AND_FAR_WALLS = """() => {
   const moving = Object.values(mounted_app.$refs).find((one) => one?.choose_walls);
   const [near] = moving.blocks.values();
@@ -458,8 +460,11 @@ def goals_are_added_and_a_distance_is_measured(page: Page, told: Told) -> None:
     middle_x, middle_y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.click(middle_x + 60, middle_y)
     x_m = float(told.waits_for("goal", "map")[0])
+    goals = told.count("goal")
     page.mouse.click(middle_x - 60, middle_y)  # it waits for the first one, which is then cancelled
+    page.wait_for_function(f"{WAITING}.length === 1")
     page.click("#map-undo")
+    page.wait_for_function(f"{WAITING}.length === 0")
     page.click("#map-measure")
     page.wait_for_function("Object.values(mounted_app.$refs).flat().find((one) => one?.measure).measures")
     page.mouse.move(middle_x, middle_y)
@@ -469,6 +474,7 @@ def goals_are_added_and_a_distance_is_measured(page: Page, told: Told) -> None:
     page.wait_for_selector(f"#map-view[data-measured='{x_m - 2.0:.2f}']")
     page.click("#map-cancel")
     told.waits_for("cancel")
+    assert told.count("goal") == goals, "a goal that waits for another was sent at once"
 
 
 def joint_moves_while_its_pose_is_held(page: Page) -> None:

@@ -91,6 +91,11 @@ class GoalList:
         self._current: Asked | None = None
         self.waiting: list[Placement] = []
 
+    def start(self, placement: Placement) -> None:
+        """Send a goal now. It takes the place of the one that the robot has, and of all that wait."""
+        self.clear()
+        self.add(placement)
+
     def add(self, placement: Placement) -> bool:
         """Add a goal; False if the list is full."""
         if len(self.waiting) >= MAX_GOALS:
@@ -126,3 +131,5 @@ class GoalList:
         if self._current is not None and not self._current.has_ended:
             return
         self._current = self._send(self.waiting.pop(0)) if self.waiting else None
+        if self._current is None:  # it was not sent: it came too late, for example
+            self.waiting.clear()

@@ -158,7 +158,7 @@ class PageMap:
         go: sets a goal.
     """
 
-    def __init__(self, view: MapView, go: Callable[[Placement], object]):
+    def __init__(self, view: MapView, go: Callable[[Placement], None]):
         self._view, self._go = view, go
 
     def draft(self, drawing: NoGoArea | PointOfInterest | None) -> None:
@@ -226,9 +226,11 @@ class MapPanel(Panel):
                 tool.set_visibility(page.can_command)
             drawing_tools = ui.row().classes("items-center")
             follows = ui.toggle(FOLLOWS, value=FOLLOW).props("id=map-follow")
+
+        goals = GoalList(lambda goal: place(page, self._clock, goal, self._pose.message))
         with ui.element("div").classes("map-stage shows-age fills"):
             view = MapView().props("id=map-view")
-            edges = PageMap(view, lambda goal: place(page, self._clock, goal, self._pose.message))
+            edges = PageMap(view, goals.start)
             view.style("width: 100%; height: 100%; touch-action: none; display: block")
             with ui.element("div").classes("map-view-tools"):
                 shown = self._build_view_tools(view, follows)
@@ -238,7 +240,6 @@ class MapPanel(Panel):
         view.on("pressed", lambda event: card.press(event.args))
         follows.on_value_change(lambda event: view.set(follows=str(event.value)))
         text = ui.label("").props("id=map-text")
-        goals = GoalList(edges.go)
         if page.can_command:
             undo.on_click(goals.undo)
             cancel.on_click(lambda: self._cancel_all(page, goals))
@@ -269,8 +270,9 @@ class MapPanel(Panel):
                 ui.notify(f"{MAX_GOALS} goals wait already", type="negative")
             return
         if placement.kind == GOAL:
-            goals.clear()
-        place(page, self._clock, placement, self._pose.message)
+            goals.start(placement)
+        else:
+            place(page, self._clock, placement, self._pose.message)
         mode.end()
 
     def _build_drawing(self, page: Page, view: MapView, mode: PressMode, card: MapCard) -> None:
