@@ -3,7 +3,6 @@
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Self
 
 from nicegui import ui
 from nicegui.events import GenericEventArguments
@@ -24,7 +23,7 @@ class Slider(ui.slider):
             self.props["min"], self.props["max"] = least, most
             self.update()
 
-    def on_chosen(self, choose: Callable[[float], None]) -> Self:
+    def on_chosen(self, choose: Callable[[float], None]) -> "Slider":
         """Call back with what a visitor has chosen, when the key or the pointer is released.
 
         The robot may change the value before that, and then the slider's own value is not the visitor's.
