@@ -37,9 +37,9 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
 };
 }"""
 MAX_CONTEXTS = 3
+"""One draws the scene, and one finds out whether there is a graphics card. A browser keeps 16."""
 LONG_MS = 1000
 """The page shows what the robot says several times meanwhile."""
-"""One draws the scene, and one finds out whether there is a graphics card. A browser keeps 16."""
 NODES = {"base_link": "1.50,-0.50,0.00", "laser": "1.70,-0.50,0.10", "red/base_link": "3.00,1.25,0.00"}
 SCENE = "Object.entries(window).find(([name]) => name.startsWith('scene_'))[1]"
 REFERENCES = "Object.values(mounted_app.$refs).flat()"
@@ -193,10 +193,10 @@ def parameters_are_changed_and_wrong_ones_refused(page: Page, robot: Robot) -> N
     set_to(page, "9.0", "at most 5")
     set_to(page, "'no number'", "number")
     set_to(page, "3.0", "there is a hole at 3 m")
-    assert robot.top()["stage"]["status"] == "stands at 1.5 m; red; 0.75  False"
+    assert robot.top()["stage"]["status"] == "stands at 1.5 m; red; 0.75  False 3"
     set_to(page, "2.5", "")
     page.wait_for_selector("#value-stage-x_m:text-is('x_m: 2.5 (changed)')")
-    robot.until(lambda modules: modules["stage"]["status"] == "stands at 2.5 m; red; 0.75  False")
+    robot.until(lambda modules: modules["stage"]["status"] == "stands at 2.5 m; red; 0.75  False 3")
     page.click("#tab-view")
     page.wait_for_selector("#view-figures:has-text('robot at 2.50 m')")
 
@@ -217,12 +217,10 @@ def camera_follows_the_robot_or_is_free(page: Page, robot: Robot) -> None:
 
 def virtual_devices_obey(page: Page, robot: Robot) -> None:
     page.click("#tab-devices")
-    page.wait_for_selector("#device-stage:has-text('0.75  False')")
-    slider = page.locator("#control-stage-virtual_charge")
-    box = slider.bounding_box()
-    assert box
-    slider.click(position={"x": box["width"] * 0.2, "y": box["height"] / 2})
-    robot.until(lambda modules: "; 0.2  False" in modules["stage"]["status"])
+    page.wait_for_selector("#device-stage:has-text('0.75  False 3')")
+    move_slider(page, "virtual_charge", 0.2)
+    move_slider(page, "virtual_level", 0.7)
+    robot.until(lambda modules: modules["stage"]["status"].endswith("; 0.2  False 7"))
     page.click("#control-stage-virtual_pressed")
     page.click(".q-menu .q-item:has-text('right')")
     page.click("#tab-devices")  # which closes the menu
@@ -230,6 +228,13 @@ def virtual_devices_obey(page: Page, robot: Robot) -> None:
     page.wait_for_selector("#device-stage:has-text('0.2 right True')")
     page.wait_for_selector("#value-stage-virtual_pressed:text-is('set to [right]')")
     robot.until(lambda modules: "0.2 right True" in modules["stage"]["status"])
+
+
+def move_slider(page: Page, setting: str, part: float) -> None:
+    slider = page.locator(f"#control-stage-{setting}")
+    box = slider.bounding_box()
+    assert box
+    slider.click(position={"x": box["width"] * part, "y": box["height"] / 2})
 
 
 def lights_are_switched_by_key_button_and_slider(page: Page, robot: Robot) -> None:

@@ -33,7 +33,7 @@ class Slider(ui.slider):
         def on_release(event: GenericEventArguments) -> None:
             value = chosen.pop() if chosen else event.args
             if isinstance(value, int | float) and math.isfinite(value):
-                choose(float(value))
+                choose(value)
 
         # Only the visitor causes these two.
         self.on("update:model-value", lambda event: chosen.append(event.args))

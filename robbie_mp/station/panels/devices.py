@@ -155,5 +155,8 @@ def _element_for(outline: dict[str, Any], ask: Callable[[Any], None]) -> ui.sele
     if outline["kind"] == "bool":
         return ui.switch("on").on_value_change(lambda event: ask(event.value))
     low, high = outline["minimum"], outline["maximum"]
-    slider = Slider(min=low, max=high, step=(high - low) / STEPS, value=low).props("label")
+    step = (high - low) / STEPS
+    if outline["kind"] == "int":
+        step = max(1, round(step))
+    slider = Slider(min=low, max=high, step=step, value=low).props("label")
     return slider.on_chosen(ask)

@@ -35,6 +35,7 @@ class Stage(Module):
     fixed: int = setting(7, "what cannot be changed")
     virtual_charge: float = setting(0.75, "of its battery", minimum=0.0, maximum=1.0, changeable=True)
     virtual_pressed: list[str] = setting([], "of its bumper", choices=["left", "right"], changeable=True)
+    virtual_level: int = setting(3, "of its water", minimum=0, maximum=10, changeable=True)
     virtual_fails: bool = setting(False, "its laser", changeable=True)
     period_s = 0.1
 
@@ -94,4 +95,4 @@ class Stage(Module):
         pose = PoseWithCovariance(pose=Pose(position=Place(x=self.x_m, y=-0.5)))
         self.publish(Odometry(header=in_map, pose=pose), topic="odom")
         by_hand = f"{self.virtual_charge} {'+'.join(self.virtual_pressed)} {self.virtual_fails}"
-        self.status = f"stands at {self.x_m} m; {self.color}; {by_hand}"
+        self.status = f"stands at {self.x_m} m; {self.color}; {by_hand} {self.virtual_level}"
