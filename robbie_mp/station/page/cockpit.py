@@ -134,8 +134,9 @@ class Cockpit:
             return
         with ui.button(icon="dashboard").props("flat dense no-caps color=white id=layouts") as self._button:
             self._button.props["title"] = "Layouts"
-            self._menu = ui.menu().props("id=layouts-menu auto-close")
-        self._button.on_click(self._fill_menu)
+            # The browser does not open it by itself: it would show what is about to be replaced.
+            self._menu = ui.menu().props("id=layouts-menu auto-close no-parent-event")
+        self._button.on_click(self._open_menu)
         with ui.dialog() as self._dialog, ui.card():
             ui.label("Save this layout under a name")
             self._field = ui.input("Name").props("for=layout-name maxlength=30 autofocus")
@@ -144,7 +145,7 @@ class Cockpit:
                 ui.button("Save", on_click=self._save_as).props("id=layout-save")
                 ui.button("Cancel", on_click=self._dialog.close).props("flat")
 
-    def _fill_menu(self) -> None:
+    def _open_menu(self) -> None:
         self._menu.clear()
         with self._menu:
             for number, name in enumerate(self.names, 1):
@@ -158,6 +159,7 @@ class Cockpit:
                 if self._layouts.is_changed(self._name):
                     text = f"Undo all changes of {self._name}"
                     ui.menu_item(text, self._reset).props("id=layout-reset")
+        self._menu.open()
 
     def choose(self, name: str) -> None:
         """Show a layout."""
