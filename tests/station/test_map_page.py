@@ -6,7 +6,14 @@ import pytest
 from playwright.sync_api import Page
 
 from tests._support.robot import Robot
-from tests.station._support.browser import LAPTOP, browser, needs_chromium, page_of, press_until
+from tests.station._support.browser import (
+    LAPTOP,
+    begin_drawing,
+    browser,
+    needs_chromium,
+    page_of,
+    press_until,
+)
 from tests.station.test_page import address_of
 from tests.station.test_panels import Told
 
@@ -109,10 +116,7 @@ def place_is_named_without_a_dialog(page: Page) -> None:
     page.wait_for_selector("#map-mode-shown:has-text('Name a place')")
     page.click("#map-mode-end")
     page.wait_for_selector("#map-mode-shown", state="hidden")
-    press_until(page, "#map-draw", "#map-draw-place")
-    page.click("#map-draw-place")
-    page.wait_for_selector("#map-view[data-placing=place]")
-    page.wait_for_selector(".q-menu", state="detached")
+    begin_drawing(page, "place")
     press(page, 2.5, 4.0)
     page.wait_for_selector("#map-card #map-card-name")
     assert not page.query_selector(".q-dialog")
@@ -121,10 +125,7 @@ def place_is_named_without_a_dialog(page: Page) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector("#map-text:has-text('kitchen')")
     page.wait_for_selector("#map-card", state="hidden")
-    press_until(page, "#map-draw", "#map-draw-place")
-    page.click("#map-draw-place")
-    page.wait_for_selector("#map-view[data-placing=place]")
-    page.wait_for_selector(".q-menu", state="detached")
+    begin_drawing(page, "place")
     press(page, 1.0, 4.0)
     page.wait_for_selector("#map-card #map-card-name")
     page.fill("#map-card-name", "kitchen")  # another operator's may have this name

@@ -112,6 +112,14 @@ def press_until(
     raise AssertionError(f"{button} has no effect")
 
 
+def begin_drawing(page: Page, what: str) -> None:
+    """Choose on the map what to draw, such as `no_go`."""
+    press_until(page, "#map-draw", f"#map-draw-{what}")
+    page.click(f"#map-draw-{what}")
+    page.wait_for_selector(f"#map-view[data-placing={what}]")
+    page.wait_for_selector(".q-menu", state="detached")  # it lies above the map
+
+
 def open_panel(page: Page, name: str) -> None:
     """Show a panel alone."""
     press_until(page, f"#tab-{name}", f"#panel-{name}")

@@ -16,12 +16,12 @@ from tests._support.left_behind import leaving_nothing_behind
 from tests._support.robot import Robot, robot_in
 from tests.station._support.accessibility import CONTRAST, Walk, let_check, scripted_popups, serious_faults
 from tests.station._support.browser import (
+    begin_drawing,
     browser,
     choose_layout,
     needs_chromium,
     open_panel,
     page_of,
-    press_until,
     release,
 )
 from tests.station.test_driving import ARENA
@@ -170,10 +170,7 @@ def test_an_observers_page_has_no_serious_fault(known: Robot, started: Browser) 
 def faults_while_one_draws(page: Page, options: dict[str, Any]) -> Iterator[str]:
     """Check the map while a place is pressed, and the card that asks for its name."""
     open_panel(page, "map")
-    press_until(page, "#map-draw", "#map-draw-place")
-    page.click("#map-draw-place")
-    page.wait_for_selector("#map-view[data-placing=place]")
-    page.wait_for_selector(".q-menu", state="detached")
+    begin_drawing(page, "place")
     yield from (f"a place is drawn, {fault}" for fault in serious_faults(page, options, "#tile-map"))
     page.click("#map-view")
     page.wait_for_selector("#map-card-name")

@@ -15,6 +15,7 @@ from robbie_robots.hw.simulation.arena_file import read_arena
 from tests._support.robot import LIMIT_S, Ended, Robot, kill
 from tests.modules.rescue.station.test_mission_panel import can_press
 from tests.station._support.browser import (
+    begin_drawing,
     browser,
     choose_layout,
     needs_chromium,
@@ -65,7 +66,7 @@ modules:
 VICTIMS = ("tag 11", "tag 12")
 AROUND_HOME = (-0.4, -0.4, 0.4, 0.4)
 BAY = (2.7, -1.0, 4.2, -0.4)
-"""Where the robot drives into the bay at the lower right, left, bottom, right, top (m, map frame)."""
+"""The bay at the lower right, into which the robot drives: left, bottom, right, top (m, map frame)."""
 DRIVES = "/[1-9]/.test(document.querySelector('#velocity').textContent.split(',')[0])"
 STANDS = "document.querySelector('#velocity').textContent.startsWith('0.00 m/s, 0.00 rad/s')"
 MAP_IS_OLD = "document.querySelector('#map-view').parentElement.dataset.age?.startsWith('Position')"
@@ -93,10 +94,9 @@ class Operator:
             self.answer()
             time.sleep(LOOK_S)
 
-    def until_shown(self, selector: str, limit_s: float = LIMIT_S) -> None:
+    def until_shown(self, selector: str, text: str, limit_s: float = LIMIT_S) -> None:
         """Wait until the page shows an element whose text has a part."""
-        what, _, text = selector.partition(": ")
-        self.until(f"document.querySelector('{what}')?.innerText.includes('{text}')", limit_s)
+        self.until(f"document.querySelector('{selector}')?.innerText.includes('{text}')", limit_s)
 
     def answer(self) -> None:
         """Confirm the victim that the page asks about, once its picture has come."""
@@ -112,10 +112,7 @@ class Operator:
 
 def draw_area(page: Page, left_m: float, bottom_m: float, right_m: float, top_m: float) -> None:
     """Draw a no-go area; its name is not given yet."""
-    press_until(page, "#map-draw", "#map-draw-no_go")
-    page.click("#map-draw-no_go")
-    page.wait_for_selector("#map-view[data-placing=no_go]")
-    page.wait_for_selector(".q-menu", state="detached")
+    begin_drawing(page, "no_go")
     for corner in ((left_m, bottom_m), (right_m, bottom_m), (right_m, top_m), (left_m, top_m)):
         page.mouse.click(*place_on_page(page, *corner))
     page.mouse.click(*place_on_page(page, left_m, bottom_m))
@@ -138,7 +135,7 @@ def test_operator_leads_a_mission_by_the_page_alone(robot: Robot) -> None:
         stop_ends_the_motion_and_the_mission_goes_on_after_its_release(operator)
         operator_drives_and_gives_control_back(operator)
         broken_mapping_is_seen_and_started_again(operator, robot)
-        operator.until_shown("#mission-results h2: The mission is done", MISSION_LIMIT_S)
+        operator.until_shown("#mission-results h2", "The mission is done", MISSION_LIMIT_S)
         report_comes_home(page)
         assert operator.confirmed == set(VICTIMS)
         assert run.poll() is None
@@ -170,7 +167,7 @@ def stop_ends_the_motion_and_the_mission_goes_on_after_its_release(operator: Ope
     page.keyboard.press("Escape")
     page.wait_for_selector("#emergency-stop-state:text-is('STOPPED')")
     operator.until(STANDS)
-    operator.until_shown("#state-mission: HALT")
+    operator.until_shown("#state-mission", "HALT")
     release(page)
     go_on(operator)
 
@@ -178,7 +175,7 @@ def stop_ends_the_motion_and_the_mission_goes_on_after_its_release(operator: Ope
 def operator_drives_and_gives_control_back(operator: Operator) -> None:
     page = operator.page
     page.keyboard.down("KeyS")
-    operator.until_shown("#control-who: you drive")
+    operator.until_shown("#control-who", "you drive")
     page.keyboard.up("KeyS")
     operator.until(STANDS)
     go_on(operator)
@@ -186,9 +183,9 @@ def operator_drives_and_gives_control_back(operator: Operator) -> None:
 
 def go_on(operator: Operator) -> None:
     """Order the robot to go on: without an order, it stands."""
-    operator.until_shown("#control-mode: HOLD")
+    operator.until_shown("#control-mode", "HOLD")
     operator.page.keyboard.press("g")
-    operator.until_shown("#control-mode: AUTO")
+    operator.until_shown("#control-mode", "AUTO")
     operator.until(DRIVES)
 
 
@@ -196,10 +193,10 @@ def broken_mapping_is_seen_and_started_again(operator: Operator, robot: Robot) -
     """The module that makes the map is killed for good, until the operator starts it again."""
     page = operator.page
     kill(int(robot.top()["mapping"]["pid"]))
-    operator.until_shown("#alarm-text: Module mapping has FAILED")
+    operator.until_shown("#alarm-text", "Module mapping has FAILED")
     operator.until(MAP_IS_OLD)
     operator.until(STANDS)
-    operator.until_shown("#state-mission: HALT")
+    operator.until_shown("#state-mission", "HALT")
     page.click("#tab-system")
     page.click("#panel-system tr:has(td:text-is('mapping')) .q-checkbox")
     press_until(page, "#order-start", "#confirm-order")
