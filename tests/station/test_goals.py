@@ -26,6 +26,9 @@ class Sent:
         self.asked.append(Asked("the goal"))
         return self.asked[-1]
 
+    def newest(self) -> Asked | None:
+        return self.asked[-1] if self.asked else None
+
 
 @pytest.fixture
 def sent() -> Sent:
@@ -34,7 +37,7 @@ def sent() -> Sent:
 
 @pytest.fixture
 def goals(sent: Sent) -> GoalList:
-    made = GoalList(sent)
+    made = GoalList(sent, sent.newest)
     for x_m in (1.0, 2.0, 3.0):
         assert made.add(Placement(NEXT_GOAL, x_m, 0.0, None))
     return made
@@ -59,12 +62,29 @@ def test_goal_that_is_started_takes_the_place_of_all_others_and_the_next_waits_f
     assert sent.places == [1.0, 7.0, 8.0]
 
 
+def test_goal_that_is_set_elsewhere_takes_the_place_of_all_others_and_the_next_waits_for_it(
+    goals: GoalList, sent: Sent
+) -> None:
+    sent(Placement(GOAL, 7.0, 0.0, None))
+    goals.add(Placement(NEXT_GOAL, 8.0, 0.0, None))
+    assert (sent.places, [goal.x_m for goal in goals.waiting]) == ([1.0, 7.0], [8.0])
+    sent.asked[1].end(NavigationResult())
+    goals.tick()
+    assert sent.places == [1.0, 7.0, 8.0]
+
+
 def test_goal_that_fails_ends_the_list(goals: GoalList, sent: Sent) -> None:
     sent.asked[0].end(GoalAborted("a wall"))
     goals.tick()
     assert (sent.places, goals.waiting) == ([1.0], [])
     goals.add(Placement(NEXT_GOAL, 5.0, 0.0, None))
     assert sent.places == [1.0, 5.0]
+
+
+def test_goal_that_has_just_failed_ends_none_that_is_added_afterwards(goals: GoalList, sent: Sent) -> None:
+    sent.asked[0].end(GoalAborted("a wall"))
+    goals.add(Placement(NEXT_GOAL, 5.0, 0.0, None))
+    assert (sent.places, goals.waiting) == ([1.0, 5.0], [])
 
 
 def test_goal_that_is_not_sent_ends_the_list(

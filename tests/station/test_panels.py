@@ -21,6 +21,7 @@ from tests.station._support.browser import (
     IS_CONNECTED,
     LAPTOP,
     TABLET,
+    begin_drawing,
     browser,
     choose_layout,
     needs_chromium,
@@ -129,6 +130,20 @@ HOLD_BACK = """() => navigator.getGamepads = () => [null, {
 }]"""
 WAITING = "Object.values(mounted_app.$refs).flat().find((one) => one?.on_screen).waiting"
 """The goals that the map shows beside the one that the robot has."""
+MOVE_CAMERA_AND_CLICK = """() => {
+  const scene = document.querySelector("#view-scene");
+  const { camera } = Object.values(mounted_app.$refs).find((one) => one?.$el === scene);
+  camera.position.set(5, 5, 9);
+  camera.lookAt(2, 0, 0);
+  camera.updateMatrixWorld();
+  camera.position.set(-3, 0, 3);
+  camera.lookAt(0, 0, 0);
+  const canvas = scene.querySelector("canvas");
+  const { left, top, width, height } = canvas.getBoundingClientRect();
+  const middle = { clientX: left + width / 2, clientY: top + height / 2, bubbles: true };
+  canvas.dispatchEvent(new MouseEvent("click", middle));
+}"""
+"""Lets the camera look at the origin, and clicks there before a frame is drawn."""
 NEAR_AND_FAR_WALLS = """() => {
   const moving = Object.values(mounted_app.$refs).find((one) => one?.choose_walls);
   const [near] = moving.blocks.values();
@@ -423,10 +438,7 @@ def pose_is_set_by_dragging(page: Page, told: Told) -> None:
 
 
 def no_go_area_and_place_are_drawn(page: Page, told: Told) -> None:
-    press_until(page, "#map-draw", "#map-draw-no_go")
-    page.click("#map-draw-no_go")
-    page.wait_for_selector("#map-view[data-placing=no_go]")
-    page.wait_for_selector(".q-menu", state="detached")  # it lies above the map
+    begin_drawing(page, "no_go")
     box = page.locator("#map-view").bounding_box()
     assert box
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -438,10 +450,7 @@ def no_go_area_and_place_are_drawn(page: Page, told: Told) -> None:
     assert right > 2.0
     assert top > 3.75
     page.wait_for_selector("#map-text:has-text('1 no-go areas')")
-    press_until(page, "#map-draw", "#map-draw-place")
-    page.click("#map-draw-place")
-    page.wait_for_selector("#map-view[data-placing=place]")
-    page.wait_for_selector(".q-menu", state="detached")
+    begin_drawing(page, "place")
     page.mouse.click(x, y)
     page.fill("#map-card-name", "kitchen")
     page.keyboard.press("Enter", delay=HELD_MS)
@@ -498,7 +507,7 @@ def walls_are_raised_and_goal_is_set_on_the_floor(page: Page, told: Told) -> Non
     scene_without_a_graphics_card_is_coarse(page)
     page.click("#view-goal")
     page.wait_for_selector("#view-moving[data-placing=goal]")
-    page.click("#view-scene canvas")  # the camera looks at the origin
+    page.evaluate(MOVE_CAMERA_AND_CLICK)
     frame, *place = told.waits_for("goal")
     assert frame == "map"
     assert [float(word) for word in place[:2]] == pytest.approx([0.0, 0.0], abs=0.05)

@@ -81,14 +81,16 @@ class GoalList:
 
     Args:
         send: sends a goal, like `place`.
+        newest: returns the newest goal of the page, such as `Page.goal`, whichever tool has set it.
 
     Attributes:
         waiting: the goals that are not yet sent, in their order.
     """
 
-    def __init__(self, send: Callable[[Placement], Asked | None]):
+    def __init__(self, send: Callable[[Placement], Asked | None], newest: Callable[[], Asked | None]):
         self._send = send
-        self._current: Asked | None = None
+        self._newest = newest
+        self._seen = self._current = newest()
         self.waiting: list[Placement] = []
 
     def start(self, placement: Placement) -> None:
@@ -98,6 +100,7 @@ class GoalList:
 
     def add(self, placement: Placement) -> bool:
         """Add a goal; False if the list is full."""
+        self.tick()  # otherwise a goal that has failed meanwhile would end this one
         if len(self.waiting) >= MAX_GOALS:
             return False
         self.waiting.append(placement)
@@ -126,6 +129,7 @@ class GoalList:
 
     def tick(self) -> None:
         """Send the next goal if the robot has reached the last one."""
+        self._look()
         if self._current is not None and self._current.error is not None:
             self.clear()
         if self._current is not None and not self._current.has_ended:
@@ -133,3 +137,10 @@ class GoalList:
         self._current = self._send(self.waiting.pop(0)) if self.waiting else None
         if self._current is None:  # it was not sent: it came too late, for example
             self.waiting.clear()
+        self._seen = self._newest()
+
+    def _look(self) -> None:
+        """A goal that was set elsewhere on the page, as in the 3-D view, takes the place of all."""
+        if self._newest() is not self._seen:
+            self.waiting.clear()
+            self._seen = self._current = self._newest()

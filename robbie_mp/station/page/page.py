@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from nicegui import ui
 
-from robbie_mp.messages import IllFormed, PlaybackControl, check_well_formed
+from robbie_mp.messages import IllFormed, NavigateTo, PlaybackControl, check_well_formed
 from robbie_mp.module.calls.errors import CallRefused, GoalAborted, GoalCancelled, GoalPreempted
 from robbie_mp.station.driving.dead_man import ORDER_LIMIT_S, DeadManSwitch
 from robbie_mp.station.live.network import PageNetwork
@@ -99,6 +99,8 @@ class Page:
         self._station = station
         self._asked: list[tuple[Asked, str]] = []
         """The requests that have not ended yet, each with the text to show when it succeeds."""
+        self.goal: Asked | None = None
+        """The newest goal that the page has set for the robot to drive to."""
         self._timers: list[tuple[str, ui.timer]] = []
         """The timers of panels, which run only while the page shows these."""
         self.shown: frozenset[str] = frozenset()
@@ -204,6 +206,8 @@ class Page:
             return None
         asked = self._station.ask(message, what, topic, within_s=ORDER_LIMIT_S if moves else None)
         self._asked.append((asked, success))
+        if isinstance(message, NavigateTo):
+            self.goal = asked
         return asked
 
     def show_ends(self) -> None:

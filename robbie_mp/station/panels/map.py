@@ -227,7 +227,9 @@ class MapPanel(Panel):
             drawing_tools = ui.row().classes("items-center")
             follows = ui.toggle(FOLLOWS, value=FOLLOW).props("id=map-follow")
 
-        goals = GoalList(lambda goal: place(page, self._clock, goal, self._pose.message))
+        goals = GoalList(
+            lambda goal: place(page, self._clock, goal, self._pose.message), newest=lambda: page.goal
+        )
         with ui.element("div").classes("map-stage shows-age fills"):
             view = MapView().props("id=map-view")
             edges = PageMap(view, goals.start)
