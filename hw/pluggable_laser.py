@@ -22,6 +22,7 @@ class PluggableLaser(PluggableDevice[DeviceSweep], LaserRangeFinder):
     Attributes:
         period_s: time between sweeps; 0 before it is known.
         time_increment_s: time between two beams; 0 if the laser does not tell.
+        complaint: what the laser says is wrong with it, such as dirt before it; '' if nothing.
     """
 
     def __init__(
@@ -32,6 +33,7 @@ class PluggableLaser(PluggableDevice[DeviceSweep], LaserRangeFinder):
     ) -> None:
         super().__init__(url, bit_rate, **options)
         self.period_s = self.time_increment_s = 0.0
+        self.complaint = ""
         self._geometry: LaserGeometry | None = None
 
     @property

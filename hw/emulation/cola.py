@@ -69,6 +69,9 @@ class EmulatedSickScanner(EmulatedDevice):
         model: which scanner.
         is_text: it speaks CoLa A, as text; else CoLa B, binary.
         clock: its clock.
+
+    Attributes:
+        status: the device status in its scans.
     """
 
     def __init__(
@@ -80,6 +83,7 @@ class EmulatedSickScanner(EmulatedDevice):
     ) -> None:
         super().__init__(clock)
         self.model, self._measure, self._is_text = model, measure, is_text
+        self.status = 0
         self.power_on()
 
     def power_on(self) -> None:
@@ -179,7 +183,7 @@ class EmulatedSickScanner(EmulatedDevice):
         model = self.model
         told_s = self._began_s + (model.field_s if model.tells_end else 0.0)
         fields: list[tuple[int, int] | bytes] = [
-            (1, 2), (1, 2), (NUMBER, 4), (0, 1), (0, 1), (self._telegrams % 0x10000, 2),
+            (1, 2), (1, 2), (NUMBER, 4), (0, 1), (self.status, 1), (self._telegrams % 0x10000, 2),
             (self._scan % 0x10000, 2), (_microseconds(told_s), 4), (_microseconds(sent_s), 4), (0, 1), (0, 1),
             (8, 1), (0, 1), (0, 2), (round(model.rate_hz * 100), 4), (162, 4), (0, 2),
         ]  # fmt: skip

@@ -13,7 +13,7 @@ from robbie_robots.hw.emulation.device import EmulatedClock, EmulatedDevice
 
 STX, ACK, NAK = 0x02, b"\x06", b"\x15"
 ADDRESS_OF_REPLIES = 0x80
-STATUS = b"\x10"
+STATUS = 0x10
 RATES = {0x42: 9_600, 0x41: 19_200, 0x40: 38_400, 0x48: 500_000}
 # The scanner has answered at the old rate before it takes the new one.
 RATE_CHANGE_S = 0.005
@@ -42,12 +42,14 @@ class EmulatedLms2xx(EmulatedDevice):
 
     Attributes:
         variant: field of view, degrees, and hundredths of a degree between values.
+        status: the status byte in its replies.
         scans_began_s: when the newest scan began, on its clock.
     """
 
     def __init__(self, measure: Callable[[int, Array], Array], clock: EmulatedClock | None = None) -> None:
         super().__init__(clock)
         self._measure = measure
+        self.status = STATUS
         self.power_on()
 
     def power_on(self) -> None:
@@ -158,7 +160,7 @@ class EmulatedLms2xx(EmulatedDevice):
         return struct.pack("<H", len(words) | head) + words.tobytes()
 
     def _reply(self, kind: int, data: bytes, at_s: float | None = None) -> bytes:
-        inside = bytes([kind]) + data + STATUS
+        inside = bytes([kind]) + data + bytes([self.status])
         body = struct.pack("<BBH", STX, ADDRESS_OF_REPLIES, len(inside)) + inside
         telegram = body + checksum(body).to_bytes(2, "little")
         self.send(telegram, at_s)

@@ -34,6 +34,8 @@ ANSWER_S = 1.0
 # 32 bits of microseconds.
 CLOCK_WRAPS_S = 2**32 / 1e6
 AHEAD_DEG = 90.0
+# Bits of the device status.
+POLLUTION_WARNING, POLLUTION_ERROR = 2, 4
 
 
 class SickColaLaser(PluggableLaser):
@@ -50,7 +52,6 @@ class SickColaLaser(PluggableLaser):
         options: see `DeviceOptions`.
 
     Attributes:
-        device_status: 0 fine, 1 error, 2 pollution warning, 5 pollution error, as of the last scan.
         serial_number: the laser's; 0 before the first scan.
     """
 
@@ -65,7 +66,7 @@ class SickColaLaser(PluggableLaser):
         **options: Unpack[DeviceOptions],
     ) -> None:
         super().__init__(url, **options)
-        self.device_status = self.serial_number = 0
+        self.serial_number = 0
         self._dialect, self._intensities = dialect, intensities
         self._range_max_m = range_max_m
         self._stamps = DeviceClock(CLOCK_WRAPS_S, 1e-6, latency_s)
@@ -121,7 +122,7 @@ class SickColaLaser(PluggableLaser):
         )
         sent_s = self._stamps.stamp_s(scan.sent_us / 1e6, arrived_s)
         self._geometry, self.serial_number = geometry, scan.serial_number
-        self.device_status = scan.status
+        self.complaint = complaint_of(scan.status)
         if scan.scan_rate_hz:
             self.period_s = 1 / scan.scan_rate_hz
             self.time_increment_s = self.period_s * step_rad / (2 * math.pi)
@@ -162,3 +163,12 @@ class SickColaLaser(PluggableLaser):
         raise DeviceSilent(
             f"the laser at {self.url} does not answer {command.name}: is it CoLa {self._dialect}?"
         )
+
+
+def complaint_of(status: int) -> str:
+    """Return what a scan's device status means, in plain words; '' for 0."""
+    if status & POLLUTION_ERROR:
+        return "the laser reports that its front screen is too dirty to measure: clean it"
+    if status & POLLUTION_WARNING:
+        return "the laser reports that its front screen is dirty: clean it"
+    return f"the laser reports an error (device status {status})" if status else ""

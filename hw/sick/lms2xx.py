@@ -30,6 +30,7 @@ from robbie_robots.hw.sick.lms2xx_telegrams import (
     DamagedScan,
     Scan,
     TelegramFraming,
+    complaint_of,
     least_code,
     scan,
     telegram,
@@ -102,15 +103,12 @@ class SickLms2xx(PluggableLaser):
         self.period_s = TURNS[self._step] / MIRROR_TURNS_PER_S
         # Interlaced beams are a turn apart; within a turn it is this.
         self.time_increment_s = self._step / 36_000 * self.period_s
-        self.is_polluted = False
-        """Whether the scanner reported that its front screen is dirty."""
         self._range_bits, self._found_rate = range_bits, 0
         self._stamps = self._scan_clock(latency_s)
         self._gaps = 0
         self._reader = FrameDecoder(TelegramFraming())
         self._early: list[bytes] = []
         self._parts: list[Scan] = []
-        self._parts_s = 0.0
 
     def _scan_clock(self, latency_s: float) -> RegularClock:
         """Return the clock that stamps the first beam of each sweep; set the period of the sweeps.
@@ -168,7 +166,7 @@ class SickLms2xx(PluggableLaser):
     def _sweeps(self, measured: Scan) -> list[DeviceSweep]:
         """Return the sweep that is whole with this scan, if one is."""
         arrived_s, geometry = self._clock(), self.geometry
-        self.is_polluted = bool(measured.status & 0x80)
+        self.complaint = complaint_of(measured.status)
         if measured.partial is None:
             self._parts.clear()
             if len(measured.values) != geometry.beams:

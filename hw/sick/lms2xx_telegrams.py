@@ -32,6 +32,10 @@ STREAM = 0x24
 REQUEST_ONLY = 0x25
 BIT_RATES = {9_600: 0x42, 19_200: 0x41, 38_400: 0x40, 500_000: 0x48}
 
+# Of the status byte.
+DIRTY = 0x80
+SEVERITY, ERROR = 0x07, 3
+
 POLYNOMIAL = 0x8005
 PARTIAL_BIT = 13
 PARTIAL_SCANS = 4
@@ -56,6 +60,15 @@ class Scan:
     unit_m: float
     partial: int | None
     status: int
+
+
+def complaint_of(status: int) -> str:
+    """Return what a status byte says is wrong with the scanner, in plain words; '' if nothing."""
+    if status & DIRTY:
+        return "the scanner reports that its front screen is dirty: clean it"
+    if status & SEVERITY >= ERROR:
+        return f"the scanner reports an error (status {status:#04x})"
+    return ""
 
 
 def crc(data: bytes) -> int:

@@ -42,9 +42,9 @@ class ReconnectingDevice(Protocol[T]):
 class ReconnectingDeviceModule(Module, Generic[T]):
     """A module whose device may be pulled out and plugged in at any time.
 
-    While the device is away, the module runs on, publishes nothing of it, and is DEGRADED. A subclass opens
-    the driver in `open_device` and publishes a measurement in `on_value`. It may override `wait_s` with 0 if
-    it also handles messages.
+    While the device is away, the module runs on, publishes nothing of it, and is DEGRADED. It is DEGRADED,
+    too, while the device says that something is wrong with it. A subclass opens the driver in `open_device`
+    and publishes a measurement in `on_value`. It may override `wait_s` with 0 if it also handles messages.
 
     Publishes `DeviceState`, on a topic named after the module.
     """
@@ -65,6 +65,11 @@ class ReconnectingDeviceModule(Module, Generic[T]):
     def place(self) -> str:
         """Return where the device is, as the profile says."""
         raise NotImplementedError
+
+    @property
+    def complaint(self) -> str:
+        """Return what the device says is wrong with it, in plain words; '' if nothing."""
+        return ""
 
     def open_device(self) -> ReconnectingDevice[T]:
         """Return the driver."""
@@ -108,10 +113,10 @@ class ReconnectingDeviceModule(Module, Generic[T]):
         self.status = self.status_line()
 
     def _tell_health(self) -> None:
-        """Be DEGRADED while the device is away; after the start, when it has not been found in time."""
+        """Be DEGRADED while the device complains or is away; at the start, if it is not found in time."""
         was_found = self.device.counters.connections > 0
         if self.device.is_connected:
-            self.degraded = ""
+            self.degraded = self.complaint
         elif was_found or self.monotonic_s() - self._began_s > FOUND_WITHIN_S:
             self.degraded = f"the device is disconnected: {self.device.reason}"
 

@@ -28,6 +28,11 @@ class PluggableLaserModule(PluggableDeviceModule[DeviceSweep]):
         assert isinstance(self.device, PluggableLaser)
         return self.device
 
+    @property
+    def complaint(self) -> str:
+        """Return what the laser says is wrong with it."""
+        return self.laser.complaint
+
     def on_value(self, value: DeviceSweep) -> None:
         """Publish a sweep."""
         geometry = self.laser.geometry

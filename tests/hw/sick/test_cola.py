@@ -20,7 +20,7 @@ from robbie_robots.hw.sick.cola import (
     framed,
     scan_data,
 )
-from robbie_robots.hw.sick.cola_laser import SickColaLaser
+from robbie_robots.hw.sick.cola_laser import SickColaLaser, complaint_of
 from tests.hw._support.captures import CAPTURES, needs_captures
 from tests.hw._support.scripted_port import ScriptedPort
 
@@ -184,6 +184,15 @@ def test_laser_is_configured_and_its_stream_started(dialect: Dialect) -> None:
     assert [b"SetAccessMode" in one for one in port.written] == [True, False, False, False, False]
     assert len(port.written) == 5
     driver.close()
+
+
+@pytest.mark.parametrize(
+    ("status", "complaint"),
+    [(0, ""), (1, "an error (device status 1)"), (2, "is dirty"), (5, "too dirty to measure")],
+)
+def test_complaint_of_a_laser_is_in_its_status(status: int, complaint: str) -> None:
+    assert complaint in complaint_of(status)
+    assert bool(complaint_of(status)) == bool(complaint)
 
 
 def test_error_of_a_laser_is_told() -> None:

@@ -13,6 +13,7 @@ from robbie_robots.hw.sick.lms2xx import SickLms2xx
 from robbie_robots.hw.sick.lms2xx_telegrams import (
     DamagedScan,
     TelegramFraming,
+    complaint_of,
     crc,
     least_code,
     scan,
@@ -148,6 +149,14 @@ def test_scanner_is_found_at_its_bit_rate_and_switched_to_the_wanted_one() -> No
     assert port.bit_rate == scanner_rate[0] == 500_000
     laser.close()
     assert port.written[-1] == telegram(0x20, b"\x25")
+
+
+@pytest.mark.parametrize(
+    ("status", "complaint"), [(0x10, ""), (0x92, "dirty"), (0x13, "an error (status 0x13)"), (0x12, "")]
+)
+def test_complaint_of_a_scanner_is_in_its_status(status: int, complaint: str) -> None:
+    assert complaint in complaint_of(status)
+    assert bool(complaint_of(status)) == bool(complaint)
 
 
 def test_scanner_that_refuses_a_field_is_told() -> None:

@@ -150,6 +150,25 @@ def until(harness: ModuleHarness[Any], is_reached: Callable[[], object]) -> None
         harness.advance(LOOK_S)
 
 
+DIRTY = {"lms2xx": (0x90, 0x10), "cola-a": (2, 0), "cola-b": (5, 0)}
+"""The status with which each scanner reports dirt before it, and its usual one."""
+
+
+@pytest.mark.parametrize("name", DIRTY)
+def test_laser_that_reports_a_dirty_screen_is_degraded_until_it_is_clean(name: str, tmp_path: Path) -> None:
+    trial, world = TRIALS[name], World()
+    device: Any = trial.emulated(world)
+    carrier: Carrier = TcpPort() if name.startswith("cola") else PseudoTerminal(tmp_path / "device")
+    device.status, usual = DIRTY[name]
+    with EmulatedLine(device, carrier) as line:
+        settings = {"port": line.url, "silence_s": 30.0, "period_s": LOOK_S} | trial.settings
+        with ModuleHarness(trial.module, settings) as harness:
+            until(harness, lambda: "clean it" in harness.module.degraded)
+            assert harness.take(LaserScan), "a dirty laser still measures"
+            device.status = usual
+            until(harness, lambda: not harness.module.degraded)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TRIALS)
 def test_device_is_read_pulled_out_and_plugged_in_again(name: str, tmp_path: Path) -> None:
