@@ -289,17 +289,19 @@ class DynamixelModule(CommandedJoints, PluggableDeviceModule[JointReading]):
         }
 
     def on_value(self, value: JointReading) -> None:
-        """Publish where the joints are; log what the servos report."""
+        """Publish where the joints are."""
         self.publish_state(value)
-        if value.problems != self.problems:
-            self.problems = value.problems
-            self.log.warning("the servos report: %s", ", ".join(value.problems) or "no more problems")
+        self.problems = value.problems
+
+    @property
+    def complaint(self) -> str:
+        """Return what the servos report, such as that one is too hot."""
+        return f"the servos report: {', '.join(self.problems)}" if self.problems else ""
 
     def status_line(self) -> str:
         """Return the line that `robbie top` shows."""
         if not self.device.is_connected:
             return super().status_line()
-        problems = "".join(f", {problem}" for problem in self.problems)
         torque = "torque on" if self.driver.has_torque else "torque off"
         figures = self.figures(self.driver.expired_commands)
-        return f"{torque}, {super().status_line()}, {figures}{problems}"
+        return f"{torque}, {super().status_line()}, {figures}"

@@ -21,12 +21,13 @@ from robbie_mp.messages import (
 )
 from robbie_robots.hw.emulation import dynamixel1
 from robbie_robots.hw.emulation.carrier import PseudoTerminal
-from robbie_robots.hw.emulation.dynamixel import GOAL, TORQUE, EmulatedServos
+from robbie_robots.hw.emulation.dynamixel import ERRORS, GOAL, TORQUE, EmulatedServos
 from robbie_robots.hw.emulation.dynamixel1 import EmulatedOldServos
 from robbie_robots.hw.emulation.line import EmulatedLine
 from robbie_robots.modules.devices.joints import DynamixelModule, SimulatedJointsModule
 from tests._support.commands import fresh
 
+OVERHEATED = 0x04
 LOOK = PanTiltCommand(pan_rad=0.3, valid_for=Duration(sec=1))
 
 
@@ -41,6 +42,12 @@ def until(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < give_up_s
         time.sleep(0.002)
+
+
+def degraded(module: ModuleHarness[DynamixelModule]) -> str:
+    """Return why a module is degraded, after another look at its servos."""
+    module.advance(0.02)
+    return module.module.degraded
 
 
 def test_simulated_gripper_closes_until_its_command_expires() -> None:
@@ -95,6 +102,10 @@ def test_pan_tilt_on_servos_follows_both_commands(tmp_path: Path) -> None:
             until(lambda: emulated.servos[1].table[TORQUE] == 1)
             unit.send(fresh(unit, command(pan=0.1)), topic="pan_tilt")
             until(lambda: emulated.servos[1].get(GOAL) == 2048 + round(0.1 * 4096 / math.tau))
+            emulated.servos[2].table[ERRORS] = OVERHEATED
+            until(lambda: degraded(unit) == "the servos report: tilt: overheated")
+            emulated.servos[2].table[ERRORS] = 0
+            until(lambda: degraded(unit) == "")
         until(lambda: emulated.servos[1].table[TORQUE] == 0)
 
 
