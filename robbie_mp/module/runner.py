@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.history import Event, OwnHistory, record_nothing
-from robbie_mp.bus.transport.layout import Activity
+from robbie_mp.bus.transport.layout import Activity, Progress
 from robbie_mp.bus.transport.records import Outbound
 from robbie_mp.messages import SettingChange
 from robbie_mp.module.inbox import Inbox
@@ -111,9 +111,20 @@ class ModuleRunner(ModuleLoop):
         )
 
     def run(self) -> None:
-        """Run the module, which has been set up, until it is stopped or stops itself."""
+        """Run the module, which has been set up, until it is stopped or stops itself.
+
+        Its last act is to say that it has ended as it was meant to: a library may end its process, too.
+        """
+        try:
+            self._run()
+        except SystemExit:
+            self._place.words[layout.OUT_READY] = Progress.ENDED
+            raise
+        self._place.words[layout.OUT_READY] = Progress.ENDED
+
+    def _run(self) -> None:
         self._ticks.begin()
-        self._place.words[layout.OUT_READY] = 1
+        self._place.words[layout.OUT_READY] = Progress.READY
         self._place.endpoint.send(Outbound.READY)
         while not self.ends and not self._place.peers.may_go:
             self._wakeup.wait(MAX_WAIT_S)

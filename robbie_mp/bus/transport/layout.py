@@ -287,6 +287,15 @@ class Activity(IntEnum):
     TEARDOWN = 4
 
 
+class Progress(IntEnum):
+    """How far a module has come, in `OUT_READY`."""
+
+    READY = 1
+    """Its setup is finished."""
+    ENDED = 2
+    """It has ended as it was meant to."""
+
+
 class HotPath(IntEnum):
     """The language of a process's hot path."""
 

@@ -40,6 +40,9 @@ class Incarnations(Protocol):
     def is_ready(self, name: str, incarnation: int) -> bool:
         """Return whether the setup is finished; asked every few ms while STARTING, and at the end."""
 
+    def has_ended(self, name: str, incarnation: int) -> bool:
+        """Return whether a dead child has said that it ends; called before `died`."""
+
     def awaits_time(self, name: str) -> bool:
         """Return whether the child may be waiting for a module that is starting to set the run's time."""
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.board import TOOL_PREFIX, Board, SlotBounds, SlotState, Totals
-from robbie_mp.bus.transport.layout import Activity, SegmentKind
+from robbie_mp.bus.transport.layout import Activity, Progress, SegmentKind
 from robbie_mp.bus.transport.records import Inbound, Notice, Outbound
 from robbie_mp.bus.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint
 from robbie_mp.bus.transport.segment import Segment, unlink_segment
@@ -152,7 +152,14 @@ class RunMemory:
         if name == CORE:
             return self._core_words[layout.CORE_HEARTBEAT_NS] != self._heartbeat_before
         current, memory = self._incarnations[self._slots[name]]
-        return current == incarnation and memory.out.words[layout.OUT_READY] == 1
+        return current == incarnation and memory.out.words[layout.OUT_READY] in (Progress.READY, Progress.ENDED)
+
+    def has_ended(self, name: str, incarnation: int) -> bool:
+        """Whether a dead child has ended as it was meant to."""
+        if name == CORE:
+            return True
+        current, memory = self._incarnations[self._slots[name]]
+        return current == incarnation and memory.out.words[layout.OUT_READY] == Progress.ENDED
 
     def awaits_time(self, name: str) -> bool:
         """Whether a child may be waiting for a module that is starting to set the run's time."""

@@ -434,15 +434,18 @@ class SupervisedChild:
             return f"{self._stop_reason}: {status.reason}"
         if status.is_clean and self.state is ChildState.STARTING and self._then is None:
             return f"{status.reason} before it was ready"
+        if status.is_clean and self._then is None and not self._has_ended():
+            return f"{status.reason}, but the module did not end: something in it has ended its process"
         return status.reason
 
-    def _after_end(self, status: ExitStatus | None, reason: str) -> None:
-        is_clean = (
-            status is not None
-            and status.is_clean
-            and self.state is ChildState.RUNNING
-            and not self._kill_reason
+    def _has_ended(self) -> bool:
+        """Whether a child that was RUNNING has said that it ends."""
+        return self.state is ChildState.RUNNING and self._incarnations.has_ended(
+            self.spec.name, self.incarnation
         )
+
+    def _after_end(self, status: ExitStatus | None, reason: str) -> None:
+        is_clean = status is not None and status.is_clean and not self._kill_reason and self._has_ended()
         if status is not None and self._is_crash(status, is_clean=is_clean):
             self._crash_watch.report(status, reason, was_killed_by_us=bool(self._kill_reason))
         if self._is_opened:

@@ -12,6 +12,8 @@ from tests._support.robot import Ended, Robot, wait_until
 pytestmark = pytest.mark.slow
 
 MODULES = '''
+import os
+import sys
 import time
 from robbie_mp.messages import LaserScan, ModuleState
 from robbie_mp import Module, setting
@@ -96,6 +98,19 @@ class Slow(Module):
         time.sleep(2)
 
 
+class Library(Module):
+    """Uses a library that ends the process of its first incarnation; the second one ends by itself."""
+
+    period_s = 0.02
+
+    def tick(self):
+        marker = self.output_directory / "has_ended"
+        if marker.exists():
+            sys.exit()
+        marker.touch()
+        os._exit(0)
+
+
 class Leak(Module):
     """Takes more and more memory."""
 
@@ -167,6 +182,14 @@ def test_hung_tick_is_named_and_restarted(robot: Robot) -> None:
     ended = stopped(robot)
     assert "sink: BACKOFF (hung in tick for 0." in ended.stderr
     assert ended.modules["sink"]["lost"] == 0
+
+
+def test_module_whose_process_a_library_ends_is_restarted_though_its_exit_code_is_0(robot: Robot) -> None:
+    started(robot, 'modules: {library: {class: "zoo.hanging:Library"}}')
+    ended = Ended.wait_for(robot.process)  # type: ignore[attr-defined]
+    assert ended.modules["library"]["restarts"] == 1, "its own end is no failure"
+    assert "exit code 0, but the module did not end: something in it has ended its process" in ended.stderr
+    assert ended.exit_code == 0
 
 
 def test_module_that_waits_for_messages_is_not_suspected(robot: Robot) -> None:

@@ -62,6 +62,10 @@ class FolderIncarnations:
     def is_ready(self, name: str, incarnation: int) -> bool:
         return (self.folder / f"{name}.{incarnation}.ready").exists()
 
+    def has_ended(self, name: str, incarnation: int) -> bool:
+        assert ("died", name, incarnation) not in self.calls
+        return True
+
     def awaits_time(self, name: str) -> bool:
         return bool(self.time_sources - {name})
 
