@@ -34,6 +34,43 @@ class Misspells(Module):
 """
 
 
+CHANGES_AN_ARRAY = """
+import numpy as np
+from robbie_mp import Module
+from robbie_mp.messages import LaserScan
+
+class Changes(Module):
+    period_s = 0.01
+
+    def setup(self):
+        self.subscribe(LaserScan, self.on_scan)
+
+    def tick(self):
+        self.publish(LaserScan(ranges=np.ones(3, np.float32)))
+
+    def on_scan(self, scan):
+        scan.ranges[0] = 2.0
+"""
+NEVER = "restart: {policy: never}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("written", "instead", "advice"),
+    [
+        ("scan.ranges[0]", "scan.ranges[0]", "read-only; all subscribers share the arrays of a message"),
+        ("scan.ranges[0] = 2.0", "scan.rangse", "has no attribute 'rangse'; did you mean 'ranges'"),
+        ("scan.ranges[0] = 2.0", "self.pubish(scan)", "has no attribute 'pubish'; did you mean 'publish'"),
+    ],
+)
+def test_mistake_that_python_does_not_explain_comes_with_advice(
+    robot: Robot, written: str, instead: str, advice: str
+) -> None:
+    (robot.folder / "wrong.py").write_text(CHANGES_AN_ARRAY.replace(written, instead))
+    robot.write_profile(f"modules: {{one: {{class: 'wrong:Changes', essential: true, {NEVER}}}}}")
+    assert advice in robot.command("run", "robot").stderr
+
+
 @pytest.mark.sampled(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("options", [(), ("--quiet",)], ids=["all", "quiet"])

@@ -90,8 +90,8 @@ def _outcome(
         if os.getpid() != own_pid:
             _end_fork(name, error)
         leave_out_our_frames(error)  # of the exception; in Python 3.10, sys.exc_info() still has them
-        limit = _memory_limit(plan, name) if isinstance(error, MemoryError) else ""
-        logging.getLogger(name).critical("%s: %s%s", type(error).__name__, error, limit, exc_info=error)
+        more = _memory_limit(plan, name) if isinstance(error, MemoryError) else _advice(name, error)
+        logging.getLogger(name).critical("%s: %s%s", type(error).__name__, error, more, exc_info=error)
         if channel is None or channel.dropped:
             traceback.print_exception(error)
         return 1
@@ -115,6 +115,14 @@ def _end_fork(name: str, error: BaseException) -> NoReturn:
         type(error).__name__, error, exc_info=error,
     )  # fmt: skip
     os._exit(1)
+
+
+def _advice(name: str, error: BaseException) -> str:
+    if name == CORE:  # which need not import what modules do
+        return ""
+    from robbie_mp.run.supervisor.advice import advice  # noqa: PLC0415
+
+    return advice(error)
 
 
 def _memory_limit(plan: RunPlan, name: str) -> str:

@@ -152,7 +152,10 @@ class RunMemory:
         if name == CORE:
             return self._core_words[layout.CORE_HEARTBEAT_NS] != self._heartbeat_before
         current, memory = self._incarnations[self._slots[name]]
-        return current == incarnation and memory.out.words[layout.OUT_READY] in (Progress.READY, Progress.ENDED)
+        return current == incarnation and memory.out.words[layout.OUT_READY] in (
+            Progress.READY,
+            Progress.ENDED,
+        )
 
     def has_ended(self, name: str, incarnation: int) -> bool:
         """Whether a dead child has ended as it was meant to."""
