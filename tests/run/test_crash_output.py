@@ -60,7 +60,11 @@ NEVER = "restart: {policy: never}"
     [
         ("scan.ranges[0]", "scan.ranges[0]", "read-only; all subscribers share the arrays of a message"),
         ("scan.ranges[0] = 2.0", "scan.rangse", "has no attribute 'rangse'; did you mean 'ranges'"),
-        ("scan.ranges[0] = 2.0", "self.publish_(scan)", "has no attribute 'publish_'; did you mean 'publish'"),
+        (
+            "scan.ranges[0] = 2.0",
+            "self.publish_(scan)",
+            "has no attribute 'publish_'; did you mean 'publish'",
+        ),
     ],
 )
 def test_mistake_that_python_does_not_explain_comes_with_advice(
