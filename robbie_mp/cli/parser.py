@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
 from robbie_mp.base.suggest import did_you_mean
@@ -13,6 +14,10 @@ Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 class Parser(argparse.ArgumentParser):
     """An argument parser that reports an error on one line, and suggests commands for a mistyped one."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.register("type", Path, _path)
 
     def _check_value(self, action: argparse.Action, value: object) -> None:
         """Refuse a value that is none of the choices; argparse calls this."""
@@ -34,6 +39,13 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the error and how to get help, and exit."""
         self.exit(BAD_USAGE, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+
+
+def _path(text: str) -> Path:
+    """Return a path. An empty one is a variable of a shell that is not set, and not the present folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the path is empty")
+    return Path(text)
 
 
 def add_command(

@@ -4,6 +4,7 @@ Most are found before anything starts. No mistake shows a traceback.
 """
 
 import re
+import shlex
 import traceback
 from collections.abc import Callable
 from pathlib import Path
@@ -185,6 +186,7 @@ PROFILES = {
 }  # fmt: skip
 """By name of the profile: its text, and the line that names it."""
 COMMANDS = {
+    "clean ''": (2, "robbie clean: argument folder: the path is empty; see `robbie clean --help`"),
     "rnu": (2, "'rnu' is no command; did you mean 'run'?"),
     "run": (2, "robbie run: the following arguments are required: profile; see `robbie run --help`"),
     "run robt": (2, "there is no profile 'robt'; did you mean 'robot'?"),
@@ -308,7 +310,7 @@ def test_mistake_in_a_profile_is_named_with_its_line(command: Callable[..., Ende
 @pytest.mark.parametrize("words", COMMANDS)
 def test_mistake_on_the_command_line_says_what_to_write(command: Callable[..., Ended], words: str) -> None:
     code, line = COMMANDS[words]
-    ended = command(*words.split())
+    ended = command(*shlex.split(words))
     assert re.search(pattern(line), ended.lines[-1]), ended.lines
     assert ended.code == code and len(ended.lines) == 1
 

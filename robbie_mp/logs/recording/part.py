@@ -60,7 +60,7 @@ class LogPart:
             trust_summary: whether to use the summary; if false, the whole file is read.
 
         Raises:
-            LogUnreadable: the file cannot be opened.
+            LogUnreadable: the file cannot be opened, or its disk fails.
             NotALog: the file is not an MCAP file.
             LogLimitExceeded: something in it is too large.
         """
@@ -75,6 +75,9 @@ class LogPart:
             except LogLimitExceeded as error:
                 raise LogLimitExceeded(f"{path}: {error}") from error
             self.is_being_written = not self.is_complete and _is_locked(self._file)
+        except OSError as error:  # of a disk that fails, for example
+            self._file.close()
+            raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
         except BaseException:
             self._file.close()
             raise

@@ -250,3 +250,5 @@ def test_folder_without_a_log_or_with_several_is_reported(tmp_path: Path) -> Non
         open_log(tmp_path)
     with pytest.raises(LogUnreadable, match="No such file"):
         open_log(tmp_path / "none.mcap")
+    with pytest.raises(LogUnreadable, match="cannot be read: Invalid argument"):
+        open_log(Path("/proc/self/mem"))  # which fails as a broken disk does
