@@ -116,6 +116,8 @@ class ModuleRunner(ModuleLoop):
         self._place.words[layout.OUT_READY] = 1
         self._place.endpoint.send(Outbound.READY)
         while not self.ends and not self._place.peers.may_go:
+            # The start waits until the core has read all declarations.
+            self._place.endpoint.push_backlog()
             self._wakeup.wait(MAX_WAIT_S)
         self._record(Event.BEGUN, time.monotonic_ns(), self._set_up_ns)
         self.begin()

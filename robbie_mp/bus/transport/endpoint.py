@@ -306,6 +306,13 @@ class Endpoint:
         if wanted and self._inbound.tail >= wanted:
             self.wake_core()
 
+    def push_backlog(self) -> None:
+        """Push records that did not fit into the ring before."""
+        if self._backlog:
+            with self.lock:
+                self._flush()
+            self.wake_core()
+
     def _flush(self) -> None:
         backlog, outbound = self._backlog, self._outbound
         while backlog and outbound.room() > 0:
@@ -323,10 +330,7 @@ class Endpoint:
             taken: Delivery | None = self.native.take()
             if taken is not NotImplemented:
                 return taken
-        if self._backlog:
-            with self.lock:
-                self._flush()
-            self.wake_core()
+        self.push_backlog()
         record = self._inbound.next()
         if record is None:
             return None
