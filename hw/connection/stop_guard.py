@@ -65,9 +65,11 @@ class StopGuard:
     def watch(self) -> str:
         """Replace the guard if it is lost. Return why it was, '' if it is not.
 
-        The next call starts the new one: you stop the robot first, because a new guard has no order to end.
+        The next call ends it and starts the new one: you stop the robot first. A guard that hangs may not
+        end soon, and a new one has no order to end.
         """
         if self._is_lost:
+            self._kill()
             self._is_lost = False
             with suppress(OSError):
                 self._start()
@@ -75,7 +77,6 @@ class StopGuard:
         reason = self._loss()
         if reason:
             self._until_s = 0.0
-            self._kill()
             self._is_lost = True
         elif self._has_answered and time.monotonic() >= self._sent_s + PING_PERIOD_S:
             self._send()
@@ -84,7 +85,7 @@ class StopGuard:
     @property
     def is_answering(self) -> bool:
         """Return whether the guard would stop the robot if this process died now."""
-        return not self._loss() and self._has_answered
+        return not self._is_lost and not self._loss() and self._has_answered
 
     def close(self) -> None:
         """End the guard. It stops the robot, as at every end."""
