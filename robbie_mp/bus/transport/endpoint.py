@@ -306,12 +306,13 @@ class Endpoint:
         if wanted and self._inbound.tail >= wanted:
             self.wake_core()
 
-    def push_backlog(self) -> None:
-        """Push records that did not fit into the ring before."""
+    def push_backlog(self) -> bool:
+        """Push records that did not fit into the ring before; return whether all are there now."""
         if self._backlog:
             with self.lock:
                 self._flush()
             self.wake_core()
+        return not self._backlog
 
     def _flush(self) -> None:
         backlog, outbound = self._backlog, self._outbound
