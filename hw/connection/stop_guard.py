@@ -19,7 +19,7 @@ PING_PERIOD_S = 0.05
 ANSWER_LIMIT_S = 0.2
 """A guard that has not answered an order for this time counts as lost."""
 FIRST_ANSWER_LIMIT_S = 2.0
-"""A new guard may take this time to start; one that cannot start is not replaced sooner."""
+"""A new guard may take this time to start; no guard is replaced sooner after its start."""
 END_TIMEOUT_S = 1.0
 WRITE_TIMEOUT_S = 0.5
 READ_BYTES = 65_536
@@ -50,6 +50,7 @@ class StopGuard:
         self._until_s = 0.0
         self._unanswered: deque[float] = deque()
         self._is_lost = False
+        self._started_s = 0.0
         self._process: subprocess.Popen[bytes] | None = None
         self._start()
         select.select([self._answers], [], [], FIRST_ANSWER_LIMIT_S)
@@ -65,17 +66,17 @@ class StopGuard:
     def watch(self) -> str:
         """Replace the guard if it is lost. Return why it was, '' if it is not.
 
-        The next call starts the new one: you stop the robot first, because a new guard has no order to end.
+        A later call ends it and starts the new one: you stop the robot first. A guard that hangs may not
+        end soon, and a new one has no order to end.
         """
         if self._is_lost:
-            self._is_lost = False
-            with suppress(OSError):
-                self._start()
+            # Guards that keep dying would let the robot move by fits and starts.
+            if time.monotonic() >= self._started_s + FIRST_ANSWER_LIMIT_S:
+                self._replace()
             return ""
         reason = self._loss()
         if reason:
             self._until_s = 0.0
-            self._kill()
             self._is_lost = True
         elif self._has_answered and time.monotonic() >= self._sent_s + PING_PERIOD_S:
             self._send()
@@ -84,7 +85,7 @@ class StopGuard:
     @property
     def is_answering(self) -> bool:
         """Return whether the guard would stop the robot if this process died now."""
-        return not self._loss() and self._has_answered
+        return not self._is_lost and not self._loss() and self._has_answered
 
     def close(self) -> None:
         """End the guard. It stops the robot, as at every end."""
@@ -95,11 +96,17 @@ class StopGuard:
                 self._process.wait(END_TIMEOUT_S)
         self._kill()
 
+    def _replace(self) -> None:
+        self._kill()
+        with suppress(OSError):
+            self._start()
+
     def _start(self) -> None:
         """Start a process, and ask it for its first answer."""
-        self._has_answered = self._has_ended = False
+        self._is_lost = self._has_answered = self._has_ended = False
+        self._started_s = time.monotonic()
         self._unanswered.clear()
-        self._unanswered.append(time.monotonic())
+        self._unanswered.append(self._started_s)
         environment = {name: value for name, value in os.environ.items() if not name.startswith("ROBBIE_")}
         self._process = subprocess.Popen(
             self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=[self._descriptor],

@@ -21,6 +21,8 @@ from robbie_mp.module.ticks import MAX_WAIT_S, Ticks, TimedTicks
 if TYPE_CHECKING:
     from robbie_mp.bus._hot.native import TickTimes
 
+ROOM_WAIT_S = 0.01
+"""Wait between two looks whether the core has made room for what did not fit into the ring."""
 MAX_IDLE_WAITS = 10
 """How often a stopping module waits for messages that the core has not delivered yet."""
 
@@ -127,7 +129,9 @@ class ModuleRunner(ModuleLoop):
         self._place.words[layout.OUT_READY] = Progress.READY
         self._place.endpoint.send(Outbound.READY)
         while not self.ends and not self._place.peers.may_go:
-            self._wakeup.wait(MAX_WAIT_S)
+            # The start waits until the core has read all declarations.
+            is_all_pushed = self._place.endpoint.push_backlog()
+            self._wakeup.wait(MAX_WAIT_S if is_all_pushed else ROOM_WAIT_S)
         self._record(Event.BEGUN, time.monotonic_ns(), self._set_up_ns)
         self.begin()
         self._take_turns()

@@ -306,6 +306,14 @@ class Endpoint:
         if wanted and self._inbound.tail >= wanted:
             self.wake_core()
 
+    def push_backlog(self) -> bool:
+        """Push records that did not fit into the ring before; return whether all are there now."""
+        if self._backlog:
+            with self.lock:
+                self._flush()
+            self.wake_core()
+        return not self._backlog
+
     def _flush(self) -> None:
         backlog, outbound = self._backlog, self._outbound
         while backlog and outbound.room() > 0:
@@ -323,10 +331,7 @@ class Endpoint:
             taken: Delivery | None = self.native.take()
             if taken is not NotImplemented:
                 return taken
-        if self._backlog:
-            with self.lock:
-                self._flush()
-            self.wake_core()
+        self.push_backlog()
         record = self._inbound.next()
         if record is None:
             return None

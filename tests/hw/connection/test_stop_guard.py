@@ -16,7 +16,7 @@ import psutil
 import pytest
 
 from robbie_mp.run.supervisor.leftovers import MARKER, kill_child_leftovers, marker
-from robbie_robots.hw.connection.stop_guard import END_TIMEOUT_S, StopGuard
+from robbie_robots.hw.connection.stop_guard import END_TIMEOUT_S, FIRST_ANSWER_LIMIT_S, StopGuard
 from robbie_robots.hw.emulation.carrier import PseudoTerminal
 from robbie_robots.hw.emulation.create import EmulatedCreate
 from robbie_robots.hw.emulation.line import EmulatedLine
@@ -210,32 +210,56 @@ def stand_without_guard(line: Line, how: signal.Signals, limit_s: float) -> None
         assert not problems
 
 
-def test_robot_is_stopped_before_its_lost_guard_is_replaced(
-    line: Line, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("step", ["_kill", "_start"])
+def test_robot_is_stopped_before_its_lost_guard_is_ended_and_replaced(
+    line: Line, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
-    """A driver that is stopped once the new guard runs must leave a robot that stands."""
-    heard_at_start: list[bytes] = []
+    """A guard that hangs ends late; a driver may be stopped once the new one runs."""
+    heard_at_step: list[bytes] = []
 
-    def start(guard: StopGuard) -> None:
+    def take_step(guard: StopGuard) -> None:
         while select([line.device], [], [], 0.05)[0]:
             line.heard += os.read(line.device, 4096)
-        heard_at_start.append(line.heard)
-        start_process(guard)
+        heard_at_step.append(line.heard)
+        taken(guard)
 
-    start_process = StopGuard._start
+    taken = getattr(StopGuard, step)
     with closing(CreateBase(line.path)) as base:
         give_up_s = time.monotonic() + LIMIT_S
         while not base.is_guarded:
             assert time.monotonic() < give_up_s
             base.poll(0.02)
-        monkeypatch.setattr(StopGuard, "_start", start)
+        monkeypatch.setattr(StopGuard, step, take_step)
         base.command(0.2, 0.0, 0.5)
         line.forget()
         guards()[0].kill()
-        while not heard_at_start:
+        while not heard_at_step:
             assert time.monotonic() < give_up_s
+            os.write(line.device, frame())
             base.poll(0.02)
-    assert heard_at_start == [HALT]
+    assert heard_at_step[0] == HALT
+
+
+def test_guards_that_keep_dying_are_not_replaced_at_once(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or the robot would drive and stop several times a second."""
+    started_s: list[float] = []
+
+    def start(guard: StopGuard) -> None:
+        started_s.append(time.monotonic())
+        start_process(guard)
+
+    start_process = StopGuard._start
+    monkeypatch.setattr(StopGuard, "_start", start)
+    with closing(CreateBase(line.path)) as base:
+        give_up_s = time.monotonic() + LIMIT_S
+        while len(started_s) < 3:
+            assert time.monotonic() < give_up_s
+            os.write(line.device, frame())
+            base.poll(0.02)
+            for guard in guards() if base.is_guarded else []:
+                guard.kill()
+    assert started_s[1] - started_s[0] >= FIRST_ANSWER_LIMIT_S
+    assert started_s[2] - started_s[1] >= FIRST_ANSWER_LIMIT_S
 
 
 def test_base_whose_guard_cannot_start_does_not_drive(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -237,13 +237,19 @@ def test_module_that_waits_for_the_start_of_the_run_is_not_suspected(robot: Robo
 
 LATE = """
 import time
+from robbie_mp import setting
+from robbie_mp.messages import LaserScan
 from zoo.modules import Listener
 
 
 class Late(Listener):
+    topics: int = setting(0, "how many topics it advertises")
+
     def setup(self):
         while not (self.output_directory / "go_on").exists():
             time.sleep(0.01)
+        for topic in range(self.topics):
+            self.advertise(LaserScan, topic=f"front_{topic}")
         super().setup()
 """
 
@@ -266,6 +272,21 @@ def test_core_that_is_late_at_the_start_costs_no_message(robot: Robot) -> None:
     robot.until(lambda modules: modules["counter"]["state"] == "STOPPED")
     assert stopped(robot).exit_code == 0
     assert robot.journal("listener") == list(range(30))
+
+
+def test_declarations_that_wait_for_a_late_core_do_not_stop_the_start(robot: Robot) -> None:
+    """What did not fit into a module's ring must get there before messages flow."""
+    (robot.folder / "zoo" / "late.py").write_text(LATE)
+    late = 'late: {class: "zoo.late:Late", settings: {topics: 40}}'
+    started(robot, f"modules:\n  {late}\ncore: {{deadline_s: 20, ring_records: 16}}\n")
+    figures = robot.until(lambda modules: modules["late"]["state"] == "STARTING")
+    core = psutil.Process(figures["core"]["pid"])
+    core.suspend()
+    (robot.output / "go_on").touch()
+    robot.until(lambda modules: modules["late"]["state"] == "RUNNING")
+    core.resume()
+    wait_until(lambda: "messages flow" in robot.log("supervisor"))
+    assert stopped(robot).exit_code == 0
 
 
 def test_core_that_stands_still_is_replaced_and_nothing_is_lost(robot: Robot) -> None:
