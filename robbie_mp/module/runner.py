@@ -126,8 +126,9 @@ class ModuleRunner(ModuleLoop):
 
     def _run(self) -> None:
         self._ticks.begin()
-        self._place.words[layout.OUT_READY] = Progress.READY
+        # In this order: a module that is stopped in between is STARTING, and has a deadline.
         self._place.endpoint.send(Outbound.READY)
+        self._place.words[layout.OUT_READY] = Progress.READY
         while not self.ends and not self._place.peers.may_go:
             # The start waits until the core has read all declarations.
             is_all_pushed = self._place.endpoint.push_backlog()
