@@ -12,7 +12,7 @@ from robbie_robots.hw.battery import BatteryReading
 from robbie_robots.hw.connection.clock import RegularClock
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.port import Port
-from robbie_robots.hw.connection.stop_guard import PING_PERIOD_S, StopGuard
+from robbie_robots.hw.connection.stop_guard import PING_PERIOD_S, StopGuards
 from robbie_robots.hw.drive import Drive, DriveState, capped_validity_s
 from robbie_robots.hw.odometry import Odometer, OdometryNoise
 
@@ -97,7 +97,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         self._gaps = 0
         self._valid_until_s: float | None = None
         self._is_emergency_stopped = False
-        self._guard: StopGuard | None = None
+        self._guard: StopGuards | None = None
         self._guard_problem = ""
         self._speeds = (0.0, 0.0)
 
@@ -190,7 +190,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         self._greet(port)
         port.write(self._halt())
         if port.descriptor is not None:
-            self._guard = StopGuard(port.descriptor, self._halt())
+            self._guard = StopGuards(port.descriptor, self._halt())
 
     def _reset(self) -> None:
         self._valid_until_s = None

@@ -1,6 +1,6 @@
-"""A small process that stops a robot when its driver no longer can: it has died, or it hangs.
+"""Small processes that stop a robot when its driver no longer can: it has died, or it hangs.
 
-It needs no module of the project, so that it starts at once.
+They need no module of the project, so that they start at once.
 """
 
 import os
@@ -20,6 +20,8 @@ ANSWER_LIMIT_S = 0.2
 """A guard that has not answered an order for this time counts as lost."""
 FIRST_ANSWER_LIMIT_S = 2.0
 """A new guard may take this time to start; no guard is replaced sooner after its start."""
+GUARDS = 2
+"""If the driver hangs and one of them is lost, too, there is another."""
 END_TIMEOUT_S = 1.0
 WRITE_TIMEOUT_S = 0.5
 READ_BYTES = 65_536
@@ -165,6 +167,48 @@ class StopGuard:
         self._has_answered = True
         while self._unanswered and self._unanswered[0] <= answered_s:
             self._unanswered.popleft()
+
+
+class StopGuards:
+    """Guards of one open port, used like a single `StopGuard`: the robot moves only while all answer.
+
+    Args:
+        descriptor: see `StopGuard`.
+        stop: likewise.
+
+    Raises:
+        OSError: a process cannot be started.
+    """
+
+    def __init__(self, descriptor: int, stop: bytes) -> None:
+        self._guards: list[StopGuard] = []
+        try:
+            for _ in range(GUARDS):
+                self._guards.append(StopGuard(descriptor, stop))
+        except OSError:
+            self.close()
+            raise
+
+    def allow(self, valid_for_s: float) -> bool:
+        """Let the robot move for this time; 0: it stands. Return False if a guard does not answer."""
+        is_allowed = self.is_answering
+        for guard in self._guards:
+            is_allowed &= guard.allow(valid_for_s if is_allowed else 0.0)
+        return is_allowed
+
+    def watch(self) -> str:
+        """Replace guards that are lost; see `StopGuard.watch`."""
+        return next(filter(None, [guard.watch() for guard in self._guards]), "")
+
+    @property
+    def is_answering(self) -> bool:
+        """Return whether each guard would stop the robot if this process died now."""
+        return all(guard.is_answering for guard in self._guards)
+
+    def close(self) -> None:
+        """End the guards. They stop the robot, as at every end."""
+        for guard in self._guards:
+            guard.close()
 
 
 def watch(orders: int, answers: int, port: int, stop: bytes) -> None:

@@ -14,7 +14,7 @@ from robbie_mp.base.device_links import monotonic
 from robbie_robots.hw.connection.device import DeviceOptions, PluggableDevice
 from robbie_robots.hw.connection.errors import DeviceFault, DeviceSilent
 from robbie_robots.hw.connection.port import Port
-from robbie_robots.hw.connection.stop_guard import PING_PERIOD_S, StopGuard
+from robbie_robots.hw.connection.stop_guard import PING_PERIOD_S, StopGuards
 from robbie_robots.hw.dynamixel import protocol1
 from robbie_robots.hw.dynamixel.protocol1 import Packet1, Protocol1Framing, ServoError
 from robbie_robots.hw.framing import FrameDecoder
@@ -213,7 +213,7 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         self._readings: list[JointReading] = []
         self._valid_until_s: float | None = None
         self._has_torque = False
-        self._guard: StopGuard | None = None
+        self._guard: StopGuards | None = None
         self._guard_problem = ""
 
     @property
@@ -325,7 +325,7 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         else:
             raise DeviceFault(f"servos at {self.url} do not take their settings")
         if port.descriptor is not None:
-            self._guard = StopGuard(port.descriptor, self._torque(False))
+            self._guard = StopGuards(port.descriptor, self._torque(False))
 
     def _identify(self, port: Port, servo: _Servo) -> None:
         number = servo.joint.servo

@@ -20,12 +20,12 @@ def guards(pid: int | None = None) -> list[psutil.Process]:
     ]
 
 
-def new_guard(pid: int, old: psutil.Process) -> psutil.Process:
-    """Wait until a process has replaced its guard, and return the new one."""
+def new_guard(pid: int, before: list[psutil.Process]) -> psutil.Process:
+    """Wait until a process has replaced one of its guards, and return the new one."""
     give_up_s = time.monotonic() + LIMIT_S
     while time.monotonic() < give_up_s:
         for guard in guards(pid):
-            if guard != old:
+            if guard not in before:
                 return guard
         time.sleep(0.002)
     raise AssertionError("the lost guard was not replaced")

@@ -16,7 +16,7 @@ import psutil
 import pytest
 
 from robbie_mp.run.supervisor.leftovers import MARKER, kill_child_leftovers, marker
-from robbie_robots.hw.connection.stop_guard import END_TIMEOUT_S, FIRST_ANSWER_LIMIT_S, StopGuard
+from robbie_robots.hw.connection.stop_guard import END_TIMEOUT_S, FIRST_ANSWER_LIMIT_S, GUARDS, StopGuard
 from robbie_robots.hw.emulation.carrier import PseudoTerminal
 from robbie_robots.hw.emulation.create import EmulatedCreate
 from robbie_robots.hw.emulation.line import EmulatedLine
@@ -192,8 +192,8 @@ def stand_without_guard(line: Line, how: signal.Signals, limit_s: float) -> None
     with closing(CreateBase(line.path)) as base:
         until_heard(DRIVE, LIMIT_S, is_driven=True)
         line.heard = b""
-        (guard,) = guards()
-        guard.send_signal(how)
+        before = guards()
+        before[0].send_signal(how)
         until_heard(HALT, limit_s, is_driven=True)
         assert base.guards_replaced == 1
         line.heard = b""
@@ -203,7 +203,7 @@ def stand_without_guard(line: Line, how: signal.Signals, limit_s: float) -> None
             poll()
         assert DRIVE not in line.heard
         assert any(one.startswith("the stop guard") for one in problems)
-        assert new_guard(os.getpid(), guard).is_running() and not guard.is_running()
+        assert new_guard(os.getpid(), before).is_running() and not before[0].is_running()
         until_heard(DRIVE, LIMIT_S, is_driven=True)
         problems.clear()
         poll()
@@ -252,14 +252,15 @@ def test_guards_that_keep_dying_are_not_replaced_at_once(line: Line, monkeypatch
     monkeypatch.setattr(StopGuard, "_start", start)
     with closing(CreateBase(line.path)) as base:
         give_up_s = time.monotonic() + LIMIT_S
-        while len(started_s) < 3:
+        while len(started_s) < 3 * GUARDS:
             assert time.monotonic() < give_up_s
             os.write(line.device, frame())
             base.poll(0.02)
             for guard in guards() if base.is_guarded else []:
                 guard.kill()
-    assert started_s[1] - started_s[0] >= FIRST_ANSWER_LIMIT_S
-    assert started_s[2] - started_s[1] >= FIRST_ANSWER_LIMIT_S
+    first_s, second_s, third_s = started_s[::GUARDS]
+    assert second_s - first_s >= FIRST_ANSWER_LIMIT_S
+    assert third_s - second_s >= FIRST_ANSWER_LIMIT_S
 
 
 def test_base_whose_guard_cannot_start_does_not_drive(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -304,6 +305,56 @@ def test_guard_that_is_stopped_does_not_hang_its_driver(line: Line) -> None:
         os.close(host)
 
 
+LOST_WITH_THE_DRIVER = pytest.mark.parametrize(
+    ("of_driver", "of_guard"),
+    [
+        (signal.SIGSTOP, signal.SIGKILL),
+        (signal.SIGSTOP, signal.SIGSTOP),
+        (signal.SIGKILL, signal.SIGSTOP),
+        (signal.SIGKILL, signal.SIGKILL),
+    ],
+)
+
+
+@LOST_WITH_THE_DRIVER
+@pytest.mark.parametrize("number", range(GUARDS))
+def test_create_stands_after_its_driver_and_a_guard_are_lost_at_once(
+    tmp_path: Path, of_driver: signal.Signals, of_guard: signal.Signals, number: int
+) -> None:
+    stand_after_loss_at_once(tmp_path, LIMIT_S, of_driver, of_guard, number)
+
+
+@pytest.mark.slow
+@pytest.mark.every_turn
+@pytest.mark.alone
+@LOST_WITH_THE_DRIVER
+def test_create_stands_soon_after_its_driver_and_a_guard_are_lost_at_once(
+    tmp_path: Path, of_driver: signal.Signals, of_guard: signal.Signals
+) -> None:
+    stand_after_loss_at_once(tmp_path, STAND_WITHIN_S, of_driver, of_guard, 0)
+
+
+def stand_after_loss_at_once(
+    folder: Path, limit_s: float, of_driver: signal.Signals, of_guard: signal.Signals, number: int
+) -> None:
+    create = EmulatedCreate()
+    with EmulatedLine(create, PseudoTerminal(folder / "base")) as line:
+        program = subprocess.Popen([sys.executable, "-m", driving.__name__, line.url], cwd=PROJECT)
+        guard = None
+        try:
+            until(lambda: any(create.speeds_mm_per_s), LIMIT_S)
+            guard = guards(program.pid)[number]
+            program.send_signal(of_driver)
+            guard.send_signal(of_guard)
+            until(lambda: not any(create.speeds_mm_per_s), limit_s)
+        finally:
+            program.kill()
+            program.wait()
+            if guard is not None:
+                with suppress(psutil.NoSuchProcess):
+                    guard.resume()
+
+
 def test_create_stands_after_its_guard_was_killed_and_then_its_driver_stopped(tmp_path: Path) -> None:
     stand_after_both(tmp_path, LIMIT_S)
 
@@ -324,9 +375,9 @@ def stand_after_both(folder: Path, limit_s: float, drives_again_s: float = 0.1) 
         program = subprocess.Popen([sys.executable, "-m", driving.__name__, line.url], cwd=PROJECT)
         try:
             until(lambda: any(create.speeds_mm_per_s), LIMIT_S)
-            (guard,) = guards(program.pid)
-            guard.kill()
-            new_guard(program.pid, guard)
+            before = guards(program.pid)
+            before[0].kill()
+            new_guard(program.pid, before)
             time.sleep(drives_again_s)
             program.send_signal(signal.SIGSTOP)
             until(lambda: not any(create.speeds_mm_per_s), limit_s)

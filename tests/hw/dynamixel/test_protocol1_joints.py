@@ -111,7 +111,7 @@ def test_joints_hold_where_they_are_after_their_guard_is_lost_until_a_new_one_an
     with closing(Protocol1Joints(line.url, [slow])) as arm:
         until(arm, lambda one: one.positions_rad[0] > 0.1, goal)
         wanted = servo(line, 1).get(GOAL)
-        (guard,) = guards()
+        guard = guards()[0]
         guard.send_signal(how)
         until(arm, lambda _: arm.guards_replaced == 1, goal)
         give_up_s = time.monotonic() + LIMIT_S
