@@ -55,8 +55,8 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
     """A base on a port.
 
     Whatever moves it expires. Three things watch over that: `poll` stops the robot as soon as a command
-    has expired; a guard, which is a process besides, stops it when the driver's process has died or hangs;
-    and after each connection the robot stands until the next command. When the guard is lost, the robot
+    has expired; two guards, which are processes besides, stop it when the driver's process has died or hangs;
+    and after each connection the robot stands until the next command. When a guard is lost, the robot
     stands until a new guard answers and the next command comes. A port without a descriptor (`rfc2217://`)
     has no guard.
 
