@@ -16,6 +16,9 @@ from typing import NamedTuple
 MAX_DRIFT = 1e-3
 """Seconds per second. NTP changes a clock's rate by at most 500e-6; two clocks may differ by twice that."""
 
+AHEAD_NS = 100_000_000
+"""A stamp may lie this far in the future: clocks of devices are estimated, and those of pages rounded."""
+
 
 class Exchange(NamedTuple):
     """The four times of a packet and of the packet that answers it, in ns; the other robot's by its clock."""
@@ -111,6 +114,9 @@ class ClockOffset:
     def age_ns(self, other_stamp_ns: int, now_ns: int) -> tuple[int, int] | None:
         """Return the least and the greatest age that something from the other robot has; None if not known.
 
+        It is not known before the first exchange, nor for a stamp in the future: then one of the clocks has
+        jumped, and until the next exchange, what is stale would look new.
+
         Args:
             other_stamp_ns: when it was made, by the other robot's clock.
             now_ns: our monotonic clock.
@@ -121,8 +127,8 @@ class ClockOffset:
         limits = self._limits_at(now_ns)
         if limits is None:
             return None
-        least, greatest = limits
-        return max(0, now_ns + least - other_stamp_ns), max(0, now_ns + greatest - other_stamp_ns)
+        least, greatest = (now_ns + limit - other_stamp_ns for limit in limits)
+        return None if greatest < -AHEAD_NS else (max(0, least), max(0, greatest))
 
     def _limits_at(self, now_ns: int) -> tuple[int, int] | None:
         if self._limits is None:

@@ -5,6 +5,7 @@ These are the only messages that a link decodes.
 
 from typing import NamedTuple
 
+from robbie_mp.connect.link.clock_offset import AHEAD_NS
 from robbie_mp.connect.link.receiving import Arrived
 from robbie_mp.connect.link.traffic import TrafficClass
 from robbie_mp.messages import (
@@ -23,9 +24,6 @@ from robbie_mp.messages import (
 
 EXPIRING = {each.type_name: each for each in (DriveCommand, JointCommand, PanTiltCommand)}
 """Commands that tell how long they last, and what they rest on."""
-AHEAD_NS = 100_000_000
-"""A stamp may lie this far in the future: clocks of devices are estimated."""
-
 
 _ORDERS = (EmergencyStop.type_name, OperatorRequest.type_name, ToolRequest.type_name)
 
