@@ -140,7 +140,7 @@ def _origin(description: Description, fields: Fields) -> RigidTransform:
     if rpy is not None:
         if max(map(abs, rpy)) > math.tau:
             description.wrong(
-                f"{fields.path_of('rpy')}: expected rad, at most one turn; got {list(rpy)}; are they degrees?",
+                f"{fields.path_of('rpy')}: expected rad, at most one turn; got {[*rpy]}; are they degrees?",
                 fields.place_of("rpy"),
             )
         return RigidTransform.from_rpy(translation, rpy)
