@@ -9,7 +9,7 @@ from robbie_robots.workers.planar_pose import compose, relative
 from robbie_robots.workers.row_log import RowLog
 
 SAME_STAMP_S = 1e-4
-SEARCHED = 200  # newest entries searched for a sweep's stamp
+SEARCHED = 200  # newest entries searched first for a sweep's stamp
 PAUSE_S, PAUSE_PERIODS = 0.5, 4  # a pause is longer than both
 STOPPED = 0.25  # share of the way at its speed before; a robot that drives less in a pause has stopped
 SPEED_S = 0.35  # time over which the speed before a pause is taken
@@ -48,13 +48,15 @@ class OdometryTrack:
         return TrackMoment(row + self.log.forgotten, self.log.rows[row, 1:].copy())
 
     def at(self, stamp_s: float) -> TrackMoment | None:
-        """Find the place of a stamp, or None if it is not between the newest entries.
+        """Find the place of a stamp, or None if it is not between the entries.
 
         Stamps may be out of order if the clock jitters; the order of recording counts. So this returns the
         newest entry with exactly this stamp. If there is none, it takes the newest pair of successive entries
         with the stamp between them, and interpolates the pose.
         """
         begin = max(0, len(self.log) - SEARCHED)
+        if begin and stamp_s < self.log.rows[begin, 0]:
+            begin = 0  # the sweep comes very late
         newest = self.log.rows[begin:]
         stamps = newest[:, 0]
         same = np.flatnonzero(np.abs(stamps - stamp_s) < SAME_STAMP_S)

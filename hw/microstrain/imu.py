@@ -134,6 +134,8 @@ class MicroStrainImu(PluggableDevice[OrientedSample]):
                 continue
             if all(field in values for field in REQUIRED):
                 samples.append(self._sample(values, arrived_s))
+            elif packet.descriptor_set == mip.DescriptorSet.SENSOR_DATA:
+                self._unreadable += 1
         self.counters.damaged = self._decoder.damaged + self._unreadable
         self.counters.skipped_bytes = self._decoder.skipped_bytes
         return samples
@@ -151,7 +153,7 @@ class MicroStrainImu(PluggableDevice[OrientedSample]):
     def _stamp_s(self, values: dict[SensorField, tuple[float, ...]], arrived_s: float) -> float:
         if told := values.get(SensorField.REFERENCE_TIME):
             return self._reference_clock.stamp_s(told[0] * 1e-9, arrived_s)
-        if told := values.get(SensorField.GPS_TIME):
+        if (told := values.get(SensorField.GPS_TIME)) and 0 <= told[0] <= WEEK_S:
             return self._gps_clock.stamp_s(told[0], arrived_s)
         return arrived_s
 

@@ -3,6 +3,7 @@
 Source: LORD MicroStrain, 3DM-GX5-25 Data Communications Protocol.
 """
 
+import math
 import struct
 from collections.abc import Sequence
 from enum import IntEnum
@@ -176,6 +177,8 @@ def _beginnings(payload: bytes) -> list[int]:
 def sensor_values(sent: MipPacket) -> dict[SensorField, tuple[float, ...]]:
     """Return the numbers of a packet of sensor data; acceleration is in g, as the unit sends it.
 
+    A field with a number that is not finite is left out: the unit does not know it.
+
     Raises:
         DamagedFrame: a field has another length.
     """
@@ -190,7 +193,9 @@ def sensor_values(sent: MipPacket) -> dict[SensorField, tuple[float, ...]]:
             field, layout = known
             if length - 2 != layout.size:
                 raise DamagedFrame(f"field {payload[position + 1]:02X} has {length - 2} bytes")
-            values[field] = layout.unpack_from(payload, position + 2)
+            numbers = layout.unpack_from(payload, position + 2)
+            if math.isfinite(sum(numbers)):
+                values[field] = numbers
         position += length
     return values
 

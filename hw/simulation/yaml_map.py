@@ -9,6 +9,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.base.yaml_reader import Loader, read_file, read_text
+
 Name = TypeVar("Name", bound=str)
 
 
@@ -89,7 +92,7 @@ class YamlMap:
         node = self.node(key)
         if node.tag != "tag:yaml.org,2002:bool":
             self.fail(node, f"{key} must be true or false")
-        return bool(yaml.safe_load(node.value))
+        return str(node.value).lower() == "true"
 
     def one_map(self, key: str, what: str, keys: Collection[str]) -> "YamlMap":
         """Return a map."""
@@ -140,24 +143,22 @@ class YamlMap:
     def _number(self, node: yaml.Node) -> float:
         if node.tag not in ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float"):
             self.fail(node, "expected a number")
-        number = float(yaml.safe_load(node.value))
+        number = read_text(node.value, self._path).plain()
+        assert isinstance(number, int | float)  # by its tag
         if not math.isfinite(number):
             self.fail(node, f"expected a finite number, not {node.value}")
-        return number
+        return float(number)
 
 
 def read_yaml_map(path: Path, what: str, keys: Collection[str]) -> YamlMap:
     """Read a YAML file that is one map.
 
     Raises:
-        ArenaError: the file is not valid YAML, or not a map with these keys.
-        OSError: the file cannot be read.
+        ArenaError: the file cannot be read, is not valid YAML, or not a map with these keys.
     """
     try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise ArenaError(f"{path}:{line}: not YAML: {error.problem}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ArenaError(f"{path}:1: not YAML in UTF-8: {error}") from error
+        read_file(path)  # refuses all that PyYAML's nodes would let through
+        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=Loader)
+    except ProfileError as error:
+        raise ArenaError(str(error)) from error
     return YamlMap(path, root, what, keys)

@@ -6,8 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
+
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.base.yaml_reader import read_file
+
+MAX_EDGE_PX = 65_535
 
 
 class CalibrationError(ValueError):
@@ -56,25 +60,24 @@ def read_calibration(file: Path) -> Calibration:
     """Read a calibration.
 
     Raises:
-        CalibrationError: the file is no calibration, or something is missing in it.
-        OSError: it cannot be read.
+        CalibrationError: the file cannot be read, is no calibration, or something is missing in it.
 
     Example:
         calibration = read_calibration(Path("front.yaml"))
     """
     try:
-        told = yaml.safe_load(file.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"{file} is no YAML: {error}") from error
+        told = read_file(file).plain()
+    except ProfileError as error:
+        raise CalibrationError(str(error)) from error
     if not isinstance(told, dict):
         raise CalibrationError(f"{file} is no camera calibration: it has no entries")
     try:
         return Calibration(
-            int(told["image_width"]),
-            int(told["image_height"]),
+            _edge(told, "image_width"),
+            _edge(told, "image_height"),
             str(told["distortion_model"]),
             _numbers(told, "distortion_coefficients"),
-            _numbers(told, "camera_matrix", (3, 3)),
+            _camera_matrix(told),
             _numbers(told, "rectification_matrix", (3, 3)),
             _numbers(told, "projection_matrix", (3, 4)),
         )
@@ -82,6 +85,22 @@ def read_calibration(file: Path) -> Calibration:
         raise CalibrationError(f"{file} is no camera calibration: {error.args[0]} is missing") from error
     except (TypeError, ValueError) as error:
         raise CalibrationError(f"{file} is no camera calibration: {error}") from error
+
+
+def _edge(told: dict[str, Any], name: str) -> int:
+    value = told[name]
+    if type(value) is not int or not 0 < value <= MAX_EDGE_PX:
+        raise ValueError(f"{name} must be a whole number from 1 to {MAX_EDGE_PX}, not {value!r:.40}")
+    return value
+
+
+def _camera_matrix(told: dict[str, Any]) -> NDArray[np.float64]:
+    """Return the camera's matrix; one that is transposed, or of no camera, would be believed silently."""
+    matrix = _numbers(told, "camera_matrix", (3, 3))
+    is_camera = matrix[0, 0] > 0 and matrix[1, 1] > 0 and matrix[1, 0] == 0
+    if matrix.any() and not (is_camera and matrix[2].tolist() == [0, 0, 1]):
+        raise ValueError("camera_matrix must be fx 0 cx, 0 fy cy, 0 0 1 in pixels, fx and fy greater than 0")
+    return matrix
 
 
 def _numbers(told: dict[str, Any], name: str, shape: tuple[int, ...] = (-1,)) -> NDArray[np.float64]:

@@ -119,7 +119,7 @@ class XsensImu(PluggableDevice[OrientedSample]):
         else:
             return None
         if told.turn_rad_per_s is None or told.acceleration_m_per_s2 is None:
-            return None
+            raise DamagedFrame("it tells no turn rates or no acceleration")
         quaternion = None if told.quaternion is None else np.array(told.quaternion)
         turn, acceleration = np.array(told.turn_rad_per_s), np.array(told.acceleration_m_per_s2)
         return OrientedSample(ImuSample(self._stamp_s(told, arrived_s), turn, acceleration), quaternion)

@@ -4,6 +4,7 @@ Source: Xsens Technologies, MT Low-Level Communication Protocol Documentation (M
 `MTData`).
 """
 
+import math
 import struct
 from collections.abc import Sequence
 from enum import IntEnum, IntFlag
@@ -132,7 +133,7 @@ _WHOLE = {
 
 
 def data2(sent: XbusMessage) -> XbusData:
-    """Return what an `MTData2` message tells; unknown data is left out.
+    """Return what an `MTData2` message tells; unknown data and numbers that are not finite are left out.
 
     Raises:
         DamagedFrame: it is another message, or its parts do not fit.
@@ -164,6 +165,8 @@ def _part(identifier: int, part: bytes) -> dict[str, object]:
         return {}
     name, count = _REALS[kind]
     numbers = _real_numbers(identifier, part, count, precision)
+    if not math.isfinite(sum(numbers)):
+        return {}
     return {name: numbers if count > 1 else numbers[0]}
 
 
@@ -241,7 +244,7 @@ class OldData:
         self._layout = struct.Struct(layout)
 
     def read(self, sent: XbusMessage) -> XbusData:
-        """Return what an `MTData` message tells.
+        """Return what an `MTData` message tells, but for numbers that are not finite.
 
         Raises:
             DamagedFrame: it is another message, or its length differs from what the unit was told to send.
@@ -253,6 +256,7 @@ class OldData:
         numbers = list(self._layout.unpack(sent.data))
         values: dict[str, object] = {}
         for name, count in self._fields:
-            values[name] = tuple(numbers[:count]) if count > 1 else numbers[0]
+            if math.isfinite(sum(numbers[:count])):
+                values[name] = tuple(numbers[:count]) if count > 1 else numbers[0]
             del numbers[:count]
         return XbusData(**values)  # type: ignore[arg-type]  # each name has the type of its attribute

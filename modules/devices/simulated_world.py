@@ -88,7 +88,7 @@ class SimulatedDevice(Module):
         assert isinstance(file, Path)
         try:
             read_arena(file)
-        except (ArenaError, OSError) as error:
+        except ArenaError as error:
             raise SettingError(str(error), "arena") from error
         start = settings["start"]
         assert isinstance(start, list)

@@ -45,7 +45,7 @@ class VideoCameraModule(ReconnectingDeviceModule[T]):
         if isinstance(file, Path):
             try:
                 read_calibration(file)
-            except (CalibrationError, OSError) as error:
+            except CalibrationError as error:
                 raise SettingError(str(error), "calibration") from error
 
     def setup(self) -> None:

@@ -4,9 +4,10 @@ from collections import deque
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from robbie_mp import REQUIRED, Header, MessageHandling, Module, SettingError, setting
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.base.yaml_reader import read_file
 from robbie_mp.messages import (
     CameraInfo,
     Detection2DArray,
@@ -32,6 +33,8 @@ SAME_TIME_S = 0.05
 WAIT_S = 2.0
 """A depth image waits this long for what is recognized in its picture."""
 MAX_WAITING = 8
+LARGEST_M = 2.0
+"""Edge of an object: sizes in mm or cm are mistakes."""
 
 
 class ObjectFileError(SettingError):
@@ -212,19 +215,19 @@ def read_objects(file: Path) -> list[KnownObject]:
         ObjectFileError: the file is invalid; the text says where.
     """
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
-        raise ObjectFileError(f"{file}: {error}", "objects") from error
+        content = read_file(file).plain()
+    except ProfileError as error:
+        raise ObjectFileError(str(error), "objects") from error
     if not isinstance(content, dict) or not content:
         raise ObjectFileError(f"{file}: expected a map of names to shapes", "objects")
     known = []
     for name, shape in content.items():
         kind, sizes = next(iter(shape.items())) if isinstance(shape, dict) and len(shape) == 1 else ("", [])
-        count = {"can": 2, "box": 3}.get(kind, 0)
-        numbers = np.array([size for size in sizes if isinstance(size, int | float)], np.float64)
-        if not count or len(sizes) != count or len(numbers) != count or not (numbers > 0).all():
-            what = "expected `can: [diameter, height]` or `box: [x, y, z]` in m"
+        numbers = [float(size) for size in sizes if type(size) in (int, float)] if type(sizes) is list else []
+        is_shape = len(numbers) == len(sizes) == {"can": 2, "box": 3}.get(kind) if numbers else False
+        if not is_shape or not all(0 < number <= LARGEST_M for number in numbers):
+            what = f"expected `can: [diameter, height]` or `box: [x, y, z]`, in m and at most {LARGEST_M:g}"
             raise ObjectFileError(f"{file}: {name}: {what}", "objects")
         x, y, z = numbers if kind == "box" else (numbers[0], *numbers)
-        known.append(KnownObject(str(name), (float(x), float(y), float(z)), kind == "can"))
+        known.append(KnownObject(name, (x, y, z), kind == "can"))
     return known

@@ -20,13 +20,18 @@ from robbie_robots.workers.localization.likelihood_field import LikelihoodField
 from robbie_robots.workers.localization.localizer import Localization, LocalizationSettings, Localizer
 from robbie_robots.workers.maps.map_file import read_map
 
+FEW_UNPLACED = 10
+"""After this number of scans in a row that odometry cannot place, something is wrong."""
+UNPLACED = "odometry does not know the stamps of the scans: are their clocks set alike?"
+
 
 class MonteCarloLocalization(Module):
     """Estimates the robot's pose on a map, which comes from a file or a message.
 
     The module starts without a pose. Once the estimate has converged, it publishes the robot's pose on topic
     `map_pose` with every odometry message; before that, its best guess on `map_pose_guess`. You can publish
-    a known pose on `initial_pose`. The particles survive a restart.
+    a known pose on `initial_pose`. The particles survive a restart. It is DEGRADED while the stamps of the
+    scans do not fit those of odometry, because it then goes by odometry alone.
     """
 
     map_file: Path | None = setting(None, "map (YAML of ROS's map_server); null: use OccupancyGrid messages")
@@ -38,6 +43,7 @@ class MonteCarloLocalization(Module):
         """Read the map file, if there is one, and subscribe."""
         self.localizer: Localizer | None = None
         self.laser_pose = np.zeros(3)
+        self.unplaced = 0
         self.status = "waiting for the map"
         if self.map_file is not None:
             there = read_map(self.map_file)
@@ -93,6 +99,8 @@ class MonteCarloLocalization(Module):
         stamp_s = scan.header.stamp.nanoseconds / 1e9
         self.localizer.add_scan(stamp_s, sweep_of(scan))
         newest = self.localizer.newest
+        self.unplaced = self.localizer.unplaced
+        self.degraded = UNPLACED if self.localizer.unplaced_in_a_row >= FEW_UNPLACED else ""
         if newest is not None and newest is not before:
             self._publish_state(newest)
             self.checkpoint(self.localizer.state())
@@ -122,4 +130,6 @@ class MonteCarloLocalization(Module):
         self.status = (
             f"spread {newest.spread_m:.2f} m, {newest.spread_rad:.2f} rad; {newest.agreement:.0%} of returns "
             f"on the map; {newest.particles} particles"
+            + f"; {self.unplaced} scans without odometry"
+            * bool(self.unplaced)
         )

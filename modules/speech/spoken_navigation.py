@@ -1,5 +1,7 @@
 """Drives by spoken orders: to named places of the map, and stops; and learns places by name."""
 
+import math
+
 from robbie_mp import CallError, MessageHandling, Module, setting
 from robbie_mp.messages import (
     AnnotateMap,
@@ -11,7 +13,7 @@ from robbie_mp.messages import (
     PointOfInterest,
     PoseStamped,
 )
-from robbie_robots.modules.devices.command_age import is_late
+from robbie_robots.modules.devices.command_age import AHEAD_S, age_of, is_late
 from robbie_robots.modules.speech.messages import Say, SpokenOrder
 
 
@@ -31,6 +33,7 @@ class SpokenNavigation(Module):
     def setup(self) -> None:
         """Subscribe to orders and the pose."""
         self.pose: PoseStamped | None = None
+        self.posed_s = -math.inf
         self.done = self.failed = 0
         self.advertise(Say)
         self.subscribe(SpokenOrder, self.on_order)
@@ -38,7 +41,7 @@ class SpokenNavigation(Module):
 
     def on_pose(self, pose: PoseStamped) -> None:
         """Remember where the robot is."""
-        self.pose = pose
+        self.pose, self.posed_s = pose, self.monotonic_s()
 
     def on_order(self, order: SpokenOrder) -> None:
         """Do what the order says."""
@@ -76,7 +79,7 @@ class SpokenNavigation(Module):
         self._show()
 
     def _learn(self, place: str) -> None:
-        if self.pose is None or self._age_s(self.pose) > self.max_pose_age_s:
+        if self.pose is None or not self._is_fresh(self.pose):
             self.failed += 1
             self._say("I do not know where I am.")
             return
@@ -86,8 +89,10 @@ class SpokenNavigation(Module):
             self.on_error,
         )
 
-    def _age_s(self, pose: PoseStamped) -> float:
-        return (self.clock.now_ns() - pose.header.stamp.nanoseconds) / 1e9
+    def _is_fresh(self, pose: PoseStamped) -> bool:
+        """Whether a pose is of now, by both clocks: that of stamps may be set."""
+        age_s = age_of(self, pose.header.stamp)
+        return age_s >= -AHEAD_S and max(age_s, self.monotonic_s() - self.posed_s) <= self.max_pose_age_s
 
     def _end(self, text: str) -> None:
         self.done += 1

@@ -49,8 +49,23 @@ class YamlNode:
         return self.value
 
 
-class _Loader(yaml.SafeLoader):
+class Loader(yaml.SafeLoader):
+    """PyYAML's loader with the scalars of the core schema."""
+
     yaml_implicit_resolvers = CORE_SCHEMA
+
+
+class Dumper(yaml.SafeDumper):
+    """Writes what `read_file` reads as it was. It has no aliases.
+
+    It also quotes a str that means something else in YAML 1.1, for other programs that read the output.
+    """
+
+    yaml_implicit_resolvers = yaml.SafeDumper.yaml_implicit_resolvers | CORE_SCHEMA
+
+    def ignore_aliases(self, data: object) -> bool:
+        """Return that a value which is there twice is written twice."""
+        return True
 
 
 def read_file(file: Path) -> YamlNode:
@@ -84,7 +99,7 @@ def read_text(text: str, source: Path | str) -> YamlNode:
         ProfileError: as `read_file`.
     """
     try:
-        loader = _Loader(text)
+        loader = Loader(text)
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise refuse(f"YAML: character #x{error.character:04x} is not allowed", _at(source, line)) from None
@@ -158,7 +173,7 @@ class _Converter:
                 raise refuse(f"YAML: expected a str as key; got {key_node.value!r:.40}; quote it", place)
             if key in result:
                 raise refuse(f"YAML: key {key!r} is set twice, first at {result[key].place}", place)
-            if key == "<<":
+            if key == "<<" and key_node.style is None:
                 raise refuse("YAML: merge keys (<<) are not supported; use a parent profile", place)
             result[key] = self.convert(value_node, place)
         return result
@@ -167,7 +182,7 @@ class _Converter:
         """Convert a scalar by its tag; the core schema gives it one if the file does not."""
         text, kind = node.value, node.tag.removeprefix(TAG)
         if not isinstance(node, yaml.ScalarNode) or kind not in ("null", "bool", "int", "float", "str"):
-            raise refuse(f"YAML: tag {node.tag!r} is not supported in a profile", place)
+            raise refuse(f"YAML: tag {node.tag!r} is not supported", place)
         if kind == "str":
             return str(text)
         if not any(tag == node.tag and pattern.match(text) for tag, pattern in CORE_SCHEMA[None]):

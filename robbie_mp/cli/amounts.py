@@ -1,6 +1,7 @@
 """Arguments that are times or sizes, for argparse: each is written as people do, and has limits."""
 
 import argparse
+import re
 from collections.abc import Callable
 
 from robbie_mp.base.amount import BadAmount, bytes_of, seconds_of
@@ -34,5 +35,17 @@ def size_between(least: int, most: int) -> Callable[[str], int]:
         if not least <= size <= most:
             raise argparse.ArgumentTypeError(f"expected {least} to {most} bytes; got {text}")
         return size
+
+    return parse
+
+
+def whole_between(least: int, most: int = 2**63 - 1) -> Callable[[str], int]:
+    """Return the parser of a whole number with these limits."""
+
+    def parse(text: str) -> int:
+        if not re.fullmatch("[+-]?[0-9]{1,19}", text) or not least <= int(text) <= most:
+            expected = f"a whole number from {least}" + (f" to {most}" if most < 2**63 - 1 else "")
+            raise argparse.ArgumentTypeError(f"expected {expected}; got {text!r:.40}")
+        return int(text)
 
     return parse

@@ -124,15 +124,20 @@ def _head(path: Path) -> bytes:
         raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
 
 
-def _yaml(path: Path) -> dict[Any, Any]:
-    """Return the map in a YAML file; {} if it is none."""
+def _yaml(path: Path) -> dict[str, str]:
+    """Return the keys of the map in a YAML file, and those values that are one text; {} if it is none."""
     try:
         with open_regular(path) as file:
             content = file.read(MAX_YAML_BYTES + 1)
-        found = None if len(content) > MAX_YAML_BYTES else yaml.load(content, _Shallow)
+        found = None if len(content) > MAX_YAML_BYTES else yaml.compose(content, _Shallow)
     except (OSError, ValueError, RecursionError, yaml.YAMLError):
         return {}
-    return found if isinstance(found, dict) else {}
+    pairs = found.value if isinstance(found, yaml.MappingNode) else []
+    return {
+        key.value: value.value if isinstance(value, yaml.ScalarNode) else ""
+        for key, value in pairs
+        if isinstance(key, yaml.ScalarNode)
+    }
 
 
 class _Shallow(yaml.SafeLoader):
@@ -150,6 +155,6 @@ def _map_of(image: Path) -> Path:
     here = sorted(image.parent.glob("*.y*ml"))[:MAX_MAPS]
     for path in chain((image.with_suffix(".yaml"), image.with_suffix(".yml")), here):
         named = _yaml(path).get("image")
-        if isinstance(named, str) and (path.parent / named).resolve() == image.resolve():
+        if named and (path.parent / named).resolve() == image.resolve():
             return path
     raise UnknownKind(f"{image} is an image, and no YAML file beside it names it as that of a map; {KNOWN}")

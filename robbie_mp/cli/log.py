@@ -15,6 +15,7 @@ from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.base.utc import time_of_day
 from robbie_mp.base.visible_text import one_line
 from robbie_mp.cli import completers
+from robbie_mp.cli.amounts import whole_between
 from robbie_mp.cli.output import console, print_styled
 from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.cli.runs import add_robot_argument, add_run_argument, choose_run, live_runs
@@ -68,7 +69,7 @@ def add_parser(subparsers: Commands) -> None:
     )
     module = parser.add_argument("--module", metavar="NAME", help="show only this module, core or supervisor")
     module.completer = completers.modules  # type: ignore[attr-defined]
-    parser.add_argument("--last", metavar="N", type=int, help="show only the last N entries")
+    parser.add_argument("--last", metavar="N", type=whole_between(1), help="show only the last N entries")
     parser.add_argument("--follow", action="store_true", help="show new entries until the run ends")
     parser.add_argument("--crashes", action="store_true", help="show crash reports instead")
     parser.add_argument("--json", action="store_true", help="print each entry as one line of JSON")

@@ -9,6 +9,7 @@ from robbie_mp.attached.views.message_text import message_of_yaml
 from robbie_mp.bus.transport.declarations import read_declarations
 from robbie_mp.bus.transport.segment import SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName
+from robbie_mp.cli.amounts import whole_between
 from robbie_mp.cli.channel_choice import add_messages_argument, choose_messages, nobody_subscribes
 from robbie_mp.cli.output import warn
 from robbie_mp.cli.parser import Commands, add_command
@@ -41,7 +42,9 @@ def add_parser(subparsers: Commands) -> None:
         action="store_true",
         help="have the core keep the newest message of the topic for modules and tools that come later",
     )
-    parser.add_argument("--count", metavar="N", type=_count, help="with --rate: stop after N messages")
+    parser.add_argument(
+        "--count", metavar="N", type=whole_between(1), help="with --rate: stop after N messages"
+    )
     add_run_argument(parser)
     parser.set_defaults(command=pub)
 
@@ -51,13 +54,6 @@ def _rate(text: str) -> float:
     if not 0 < rate_hz <= 1000:
         raise argparse.ArgumentTypeError(f"expected more than 0 and at most 1000 Hz; got {text}")
     return rate_hz
-
-
-def _count(text: str) -> int:
-    count = int(text)
-    if count < 1:
-        raise argparse.ArgumentTypeError(f"expected at least 1; got {text}")
-    return count
 
 
 def based_on_now(message: Message) -> Message:

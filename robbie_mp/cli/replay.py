@@ -11,6 +11,7 @@ from pathlib import Path
 
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.python_command import python_command
+from robbie_mp.cli.amounts import time_between, whole_between
 from robbie_mp.cli.output import plain_output
 from robbie_mp.cli.parser import Commands, add_command
 from robbie_mp.logs.capsule import replay as replaying
@@ -62,15 +63,20 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--pdb", action="store_true", help="open the debugger at the exception")
     what.add_argument("--until", metavar="STEP", help="open the debugger before a step, or before the `last`")
     what.add_argument("--step", action="store_true", help="wait before each step")
-    what.add_argument("--debug", metavar="PORT", type=int, help="wait for an editor (debugpy) on this port")
+    what.add_argument(
+        "--debug",
+        metavar="PORT",
+        type=whole_between(1, 65_535),
+        help="wait for an editor (debugpy) on this port",
+    )
     what.add_argument("--as-test", metavar="FILE", type=Path, help="write a small test that crashes likewise")
     parser.add_argument("--json", action="store_true", help="print the verdict as one line of JSON")
     parser.add_argument(
         "--limit",
-        metavar="SECONDS",
-        type=float,
+        metavar="TIME",
+        type=time_between(0.001),
         default=LIMIT_S,
-        help="a step that takes longer hangs (5; setup: 20)",
+        help="a step that takes longer hangs (5s; setup: 20s)",
     )
 
 

@@ -206,7 +206,11 @@ def _check_path(path: Path, limits: ValueLimits, folder: Path | None) -> Path:
         absolute = (folder or Path.cwd()) / stock_path(path).expanduser()
     except RuntimeError:  # "~name" of nobody
         raise _mismatch("path", str(path)) from None
-    if limits.must_exist and not absolute.exists():
+    try:
+        is_there = not limits.must_exist or absolute.exists()
+    except OSError as error:  # you may not look there, or its name is too long
+        raise ValueMismatch(f"expected path of a file or folder; {absolute}: {error.strerror}") from None
+    if not is_there:
         raise ValueMismatch(f"expected path of an existing file or folder; there is no {absolute}")
     return absolute
 

@@ -3,6 +3,7 @@
 The format is described in docs/scene-graph.md.
 """
 
+import math
 from pathlib import Path
 from typing import cast
 
@@ -137,6 +138,11 @@ def _origin(description: Description, fields: Fields) -> RigidTransform:
             f"{fields.path_of('rpy')}: give rpy or quaternion, not both", fields.place_of("rpy")
         )
     if rpy is not None:
+        if max(map(abs, rpy)) > math.tau:
+            description.wrong(
+                f"{fields.path_of('rpy')}: expected rad, at most one turn; got {[*rpy]}; are they degrees?",
+                fields.place_of("rpy"),
+            )
         return RigidTransform.from_rpy(translation, rpy)
     place = fields.place_of("quaternion")
     return description.attempt(

@@ -106,6 +106,8 @@ class JointReader:
             self._values.doubt(
                 origin, 'quat_xyzw without <robot version="1.1"> or later: it is left out, as in ROS'
             )
+        if max(map(abs, rpy)) > math.tau:
+            self._values.doubt(origin, "<origin rpy=…> is in rad, and beyond one turn; is it in degrees?")
         return RigidTransform.from_rpy(xyz, rpy)
 
     def _turned(self, origin: Element, xyz: tuple[float, ...]) -> RigidTransform:

@@ -138,6 +138,10 @@ def fifo() -> None:
     os.mkfifo("bad")
 
 
+def odd_scalar() -> None:
+    Path("bad").write_text("image: a.png\nresolution: !!int ''\n")
+
+
 def bad_urdf() -> None:
     Path("bad").write_text("<robot><link/></robot>")
 
@@ -152,6 +156,7 @@ def bad_urdf() -> None:
         (lonely_image, "no YAML file beside it names it as that of a map"),
         (aliases, "none of the files that can be described"),
         (fifo, "bad cannot be read: it is a FIFO or a device, not a file"),
+        (odd_scalar, "origin, negate, occupied_thresh, free_thresh missing"),
         (bad_urdf, "<link> has no name"),
     ],
 )

@@ -3,6 +3,7 @@
 import builtins
 import json
 import math
+import os
 import subprocess
 import sys
 import time
@@ -177,6 +178,9 @@ def test_class_from_elsewhere_is_not_imported(capsule: Path) -> None:
 def test_missing_file_is_an_error_of_one_line(tmp_path: Path) -> None:
     with pytest.raises(CapsuleUnreadable, match="cannot be read: No such file"):
         read_capsule(tmp_path / "none.capsule")
+    os.mkfifo(tmp_path / "pipe.capsule")
+    with pytest.raises(CapsuleUnreadable, match="cannot be read: it is a FIFO"):
+        read_capsule(tmp_path / "pipe.capsule")
 
 
 def test_ends_are_recognised_in_reports() -> None:

@@ -137,6 +137,8 @@ def test_path_that_must_exist_is_checked(tmp_path: Path) -> None:
     assert check_settings(Player, {"file": "run.mcap"}, folder=tmp_path) == {"file": tmp_path / "run.mcap"}
     with pytest.raises(SettingError, match=rf"there is no {tmp_path}/lost\.mcap$"):
         check_settings(Player, {"file": "lost.mcap"}, folder=tmp_path)
+    with pytest.raises(SettingError, match="File name too long"):
+        check_settings(Player, {"file": "x" * 5000}, folder=tmp_path)
 
 
 def test_relative_paths_start_from_the_current_folder_or_the_given_ones(

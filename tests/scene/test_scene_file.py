@@ -106,6 +106,10 @@ def of_b(fields: str) -> str:
         ),
         (of_b("rpy: [1, .inf, 2]"), "3: nodes.b.rpy: expected a list of 3 finite numbers; got [1, inf, 2]"),
         (
+            of_b("rpy: [0, 0, 90]"),
+            "3: nodes.b.rpy: expected rad, at most one turn; got [0.0, 0.0, 90.0]; are they degrees?",
+        ),
+        (
             of_b("rpy: [0, 0, 0], quaternion: [0, 0, 0, 1]"),
             "3: nodes.b.rpy: give rpy or quaternion, not both",
         ),

@@ -105,6 +105,7 @@ def test_limit_that_is_none_is_unknown_and_named(
             "<origin> has no attribute 'rpyy' in URDF",
         ),
         (f'type="fixed">{ENDS}<origin quat_xyzw="0 0 1 0"/>', "quat_xyzw without <robot version="),
+        (f'type="fixed">{ENDS}<origin rpy="0 0 -90"/>', "<origin rpy=…> is in rad, and beyond one turn"),
     ],
 )
 def test_what_changes_the_robot_is_a_warning(tmp_path: Path, inside: str, said: str) -> None:

@@ -69,3 +69,10 @@ def test_pause_in_which_a_driving_robot_stopped_is_told(
     stamp_s, x_m, *_ = entries[-1]
     result = track(*entries, (stamp_s + pause_s, x_m + moved_m, 0, 0))
     assert result.longest_pause(18.0, 20.0) == pytest.approx((pause_s, coasted_m))
+
+
+def test_sweep_that_comes_very_late_is_placed_where_it_was_taken() -> None:
+    result = track(*((n / 100, n, 0, 0) for n in range(3_000)), most=10_000)
+    assert present(result.at(5.005)).pose[0] == pytest.approx(500.5)
+    assert present(result.at(5.0)).position == 500
+    assert result.at(-1.0) is None

@@ -114,6 +114,8 @@ class Localizer:
     Attributes:
         newest: The estimate after the last sweep used; None before the first.
         recoveries: How often particles were added because sweeps did not fit.
+        unplaced: How many sweeps were left out because odometry does not know their stamps.
+        unplaced_in_a_row: Likewise, since the last one that it knew.
     """
 
     def __init__(
@@ -127,7 +129,7 @@ class Localizer:
         self.settings = settings or LocalizationSettings()
         self.laser_pose = np.asarray(laser_pose, float)
         self.newest: Localization | None = None
-        self.recoveries = 0
+        self.recoveries = self.unplaced = self.unplaced_in_a_row = 0
         self._noise = MotionNoise()
         self._random = np.random.default_rng(seed)
         self._odometry = OdometryTrack(TRACKED)
@@ -170,6 +172,9 @@ class Localizer:
         farthest_m = min(sweep.range_max_m, self.field.diagonal_m)  # beyond the map there is nothing to trace
         seen_m = np.clip(np.nan_to_num(sweep.ranges_m, nan=0.0, posinf=np.inf), 0.0, farthest_m)
         beams = transform_points(self.laser_pose, seen_m[:, None] * sweep.directions)
+        if len(self._waiting) == MOST_WAITING:
+            self.unplaced += 1
+            self.unplaced_in_a_row += 1
         self._waiting.append(_Beams(stamp_s, beams[chosen], beams[traced]))
         self._use_waiting()
 
@@ -212,6 +217,7 @@ class Localizer:
             place = self._odometry.at(self._waiting[0].stamp_s)
             if place is None:
                 return
+            self.unplaced_in_a_row = 0
             beams = self._waiting.popleft()
             if self._moves_to(place.pose):
                 self._weigh(beams)

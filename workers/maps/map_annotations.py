@@ -11,6 +11,8 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image, ImageDraw
 
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.base.yaml_reader import Dumper, read_file
 from robbie_robots.workers.maps.navigation_grid import FORBIDDEN
 
 MAX_AREAS = 64
@@ -132,7 +134,9 @@ class AnnotatedMap:
     def as_yaml(self) -> str:
         """Return the text of the file, which `read_annotations` reads."""
         described = {"revision": self.revision, **_plain(self.now)}
-        text: str = yaml.safe_dump(described, sort_keys=False, allow_unicode=True, default_flow_style=None)
+        text: str = yaml.dump(
+            described, Dumper=Dumper, sort_keys=False, allow_unicode=True, default_flow_style=None
+        )
         return text
 
 
@@ -148,16 +152,17 @@ def read_annotations(path: Path) -> AnnotatedMap:
         AnnotationFileError: The file cannot be read, or is invalid.
     """
     try:
-        described = yaml.safe_load(path.read_text(encoding="utf-8"))
+        path.stat()
+        described = read_file(path).plain()
     except FileNotFoundError:
         return AnnotatedMap()
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
-        raise AnnotationFileError(f"{path}: cannot be read as YAML: {error}") from error
+    except (ProfileError, OSError) as error:
+        raise AnnotationFileError(f"{path}: {error}" if isinstance(error, OSError) else str(error)) from error
     try:
         if not isinstance(described, dict) or set(described) - {"revision", "no_go", "places"}:
             raise AnnotationError("expected the keys revision, no_go and places")
         revision = described.get("revision", 0)
-        if not isinstance(revision, int) or not 0 <= revision < 2**32:
+        if type(revision) is not int or not 0 <= revision < 2**32:
             raise AnnotationError(f"revision must be a number of changes, not {revision!r:.80}")
         return AnnotatedMap(_from_plain(described), revision)
     except AnnotationError as error:
@@ -210,6 +215,8 @@ def _checked_corners(name: str, corners: Any) -> Corners:
 
 def _checked_place(name: str, place: Any) -> Place:
     x_m, y_m, heading_rad = _checked_numbers(name, place, 3)
+    if abs(heading_rad) > math.tau:
+        raise AnnotationError(f"{name!r}: a heading is at most 2 pi, not {heading_rad:g}; is it in degrees?")
     return x_m, y_m, heading_rad
 
 

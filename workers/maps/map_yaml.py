@@ -142,8 +142,10 @@ def _origin(path: Path, node: yaml.Node) -> tuple[float, float, float]:
     texts = [str(part.value) for part in parts if isinstance(part, yaml.ScalarNode)]
     if len(texts) != 3 or len(parts) != 3:
         raise MapFileError(f"{path}: origin must be three numbers [x, y, yaw]")
-    x_m, y_m, yaw = (_number(path, "origin", text, -MAX_POSITION_M, MAX_POSITION_M) for text in texts)
-    return x_m, y_m, yaw
+    x_m, y_m, yaw_rad = (_number(path, "origin", text, -MAX_POSITION_M, MAX_POSITION_M) for text in texts)
+    if abs(yaw_rad) > math.tau:
+        raise MapFileError(f"{path}: the yaw of origin is at most 2 pi, not {yaw_rad:g}; is it in degrees?")
+    return x_m, y_m, yaw_rad
 
 
 def _number(path: Path, key: str, text: str, low: float, high: float) -> float:

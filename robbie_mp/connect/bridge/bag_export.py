@@ -11,10 +11,10 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import yaml
-
 from robbie_mp.base.balance import Balance
 from robbie_mp.base.linux.private_files import make_private_folder
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.base.yaml_reader import read_text
 from robbie_mp.connect.bridge.mapping import MAX_DEPTH, BridgeMap, MappingError, Quality
 from robbie_mp.logs.recording.bag_metadata import offered_qos, write_bag_metadata
 from robbie_mp.logs.recording.conversion import NewChannel, converted_log
@@ -77,8 +77,8 @@ def bridge_of_log(log: Log) -> BridgeOfLog:
 
 def _modules(profile: str) -> Mapping[Any, Any]:
     try:
-        merged = yaml.safe_load(profile)
-    except yaml.YAMLError:
+        merged = read_text(profile, "the profile of the log").plain()
+    except ProfileError:
         return {}
     modules = merged.get("modules") if isinstance(merged, Mapping) else None
     return modules if isinstance(modules, Mapping) else {}

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 
 from robbie_mp.base.errors import RobbieError
+from robbie_mp.base.linux.regular_file import open_regular
 from robbie_mp.bus.transport.history import Event
 from robbie_mp.logs.capsule.form import EVENTS, FORMAT, MANIFEST, MESSAGES, ChannelForm, EventForm, Manifest
 from robbie_mp.logs.recording.errors import LogError
@@ -99,7 +100,8 @@ def read_capsule(path: Path) -> Capsule:
         CapsuleUnreadable: it is none, or it is damaged.
     """
     try:
-        with zipfile.ZipFile(path) as file:
+        with open_regular(path) as opened, zipfile.ZipFile(opened) as file:
+            file.filename = str(path)
             return _read(path, file)
     except CapsuleUnreadable:
         raise

@@ -68,12 +68,14 @@ class LogPart:
         self._limits = limits
         self._file = _open(path)
         try:
-            self.size = self._file.seek(0, 2)
-            _check_magic(path, self._file)
             try:
+                self.size = self._file.seek(0, 2)
+                _check_magic(path, self._file)
                 self.contents = self._look(trust_summary)
             except LogLimitExceeded as error:
                 raise LogLimitExceeded(f"{path}: {error}") from error
+            except OSError as error:
+                raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
             self.is_being_written = not self.is_complete and _is_locked(self._file)
         except OSError as error:  # of a disk that fails, for example
             self._file.close()
@@ -167,7 +169,7 @@ class LogPart:
         except LogLimitExceeded as error:
             place = block.frame.start - RECORD_HEAD.size
             raise LogLimitExceeded(f"{self.path}: byte {place}: {error}") from error
-        except LogDamaged as damage:
+        except (LogDamaged, OSError) as damage:  # a worn-out disk cannot read some of its blocks
             self.contents.damage.append(f"byte {block.frame.start - RECORD_HEAD.size}: {damage}")
 
     def attachments(self) -> Iterator[Attachment]:
@@ -175,7 +177,7 @@ class LogPart:
         for frame in self.contents.attachments:
             try:
                 yield read_attachment(content(self._file, frame, self._limits))
-            except LogDamaged as damage:
+            except (LogDamaged, OSError) as damage:
                 self.contents.damage.append(f"byte {frame.start - RECORD_HEAD.size}: {damage}")
 
     def close(self) -> None:

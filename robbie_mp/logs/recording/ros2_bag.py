@@ -19,6 +19,8 @@ import zstandard
 from typing_extensions import Self
 
 from robbie_mp.base.balance import Balance
+from robbie_mp.base.problem import ProfileError
+from robbie_mp.base.yaml_reader import read_file
 from robbie_mp.logs.recording.errors import BagUnreadable
 from robbie_mp.logs.recording.format import BAG_METADATA, BAG_PART_NAME, QOS_KEY, SCHEMA_ENCODING
 from robbie_mp.logs.recording.limits import READ_LIMITS
@@ -286,12 +288,12 @@ class Ros2Bag:
 
 def _metadata(folder: Path, notes: list[str]) -> dict[str, Any]:
     """Return what `metadata.yaml` says; {} if it is missing or cannot be read."""
-    try:
-        content = yaml.safe_load((folder / BAG_METADATA).read_text())
-    except FileNotFoundError:
+    if not (folder / BAG_METADATA).exists():
         notes.append(f"{folder} has no {BAG_METADATA}; its files are read without it")
         return {}
-    except (OSError, ValueError, yaml.YAMLError) as error:
+    try:
+        content = read_file(folder / BAG_METADATA).plain()
+    except ProfileError as error:
         notes.append(f"{folder / BAG_METADATA} cannot be read, and is ignored: {error}")
         return {}
     about = content.get("rosbag2_bagfile_information") if isinstance(content, dict) else None

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from robbie_mp.base.visible_text import visible
-from robbie_mp.base.yaml_reader import CORE_SCHEMA
+from robbie_mp.base.yaml_reader import Dumper
 from robbie_mp.run.profile.model import ModuleSpec, Profile
 
 DEFAULT = "default"
@@ -29,14 +29,6 @@ class YamlLine:
 
     def __str__(self) -> str:
         return f"{self.text:<{COMMENT_COLUMN}}  # {self.comment}" if self.comment else self.text
-
-
-class _Dumper(yaml.SafeDumper):
-    # Also quote a str that means something else in YAML 1.1, for other programs that read the output.
-    yaml_implicit_resolvers = yaml.SafeDumper.yaml_implicit_resolvers | CORE_SCHEMA
-
-    def ignore_aliases(self, data: object) -> bool:
-        return True
 
 
 def as_tree(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -> dict[str, Any]:
@@ -126,7 +118,7 @@ def as_profile(profile: Profile, settings: Mapping[str, Mapping[str, object]]) -
 def _dump(value: object, *, allow_unicode: bool) -> str:
     text: str = yaml.dump(
         value,
-        Dumper=_Dumper,
+        Dumper=Dumper,
         default_flow_style=True,
         allow_unicode=allow_unicode,
         sort_keys=False,

@@ -180,6 +180,8 @@ def test_folder_that_exists_is_refused_and_kept(capsys: pytest.CaptureFixture[st
     "profile",
     [
         "[",
+        "[" * 500,
+        "modules: !!int ''",
         "modules: 3",
         "modules: {ros: {class: x, settings: 2}}",
         PROFILE.replace("namespace: red", "namespace: 'a b'"),

@@ -129,3 +129,26 @@ def test_real_units_samples_are_read_with_gravity_along_z() -> None:
     samples = driven.imu._take(data)
     assert len(samples) == 1510
     np.testing.assert_allclose(samples[0].sample.acceleration_m_per_s2, (0.171, 0.065, 9.666), atol=0.001)
+
+
+def test_numbers_that_are_not_finite_are_left_out_and_counted_if_the_sample_needs_them() -> None:
+    driven = Driven()
+    driven.imu.poll()
+
+    def sample(turn: float, w: float, week_s: float) -> bytes:
+        return mip.packet(
+            0x80,
+            [
+                mip.MipField(SensorField.ACCELERATION, struct.pack(">3f", 0.0, 0.0, -1.0)),
+                mip.MipField(SensorField.TURN_RATE, struct.pack(">3f", turn, 0.0, 0.0)),
+                mip.MipField(SensorField.QUATERNION, struct.pack(">4f", w, 0.0, 0.0, 0.0)),
+                mip.MipField(SensorField.GPS_TIME, struct.pack(">dHH", week_s, 0, 0)),
+            ],
+        )
+
+    assert driven.imu._take(sample(math.nan, 1.0, 5.0)) == []
+    assert driven.imu.counters.damaged == 1
+    for week_s in (5.0, math.nan, math.inf, 1e308):
+        (oriented,) = driven.imu._take(sample(0.5, math.nan, week_s))
+        assert oriented.quaternion is None and oriented.sample.stamp_s == driven.clock.now_s
+    assert driven.imu.counters.damaged == 1

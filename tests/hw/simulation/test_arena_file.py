@@ -155,7 +155,12 @@ VICTIM = "victims:\n  - {tag: 7, x_m: 0.5, y_m: 0.75, facing_rad: 0.0}\n"
         (ROOM + "appearing: [{circle: [1, 1, 0], from_s: 3}]\n", 7, "radius"),
         (ROOM + "appearing: [{circle: [1, 1, 0.1]}]\n", 7, "'from_s' is missing"),
         (ROOM + "appearing: [{box: [1, 1, 2, 2], from_s: 3, until_s: 3}]\n", 7, "later than from_s"),
-        ("cell_m: [0.5\n", 2, "not YAML"),
+        ("cell_m: [0.5\n", 2, "YAML: while parsing a flow sequence"),
+        (ROOM.replace("0.5", "1:30"), 1, "expected a number"),
+        (ROOM.replace("0.5", "!!int abc"), 1, "not of type int"),
+        (ROOM.replace("0.5", "9" * 5000), 1, "does not fit into 64 bits"),
+        ("[" * 500, 1, "nested deeper"),
+        (ROOM.replace("cell_m", "? [a]\n: 1\ncell_m"), 1, "expected a str as key"),
         ("- 1\n", 1, "an arena is a map"),
         ("", 1, "an arena is a map"),
     ],
@@ -166,3 +171,13 @@ def test_error_names_file_and_line(tmp_path: Path, text: str, line: int, what: s
     message = str(caught.value)
     assert message.startswith(f"{tmp_path / 'room.yaml'}:{line}: ")
     assert what in message
+
+
+@pytest.mark.parametrize(("text", "cell_m"), [("0100", 100.0), ("1e-1", 0.1)])
+def test_numbers_are_those_of_profiles(tmp_path: Path, text: str, cell_m: float) -> None:
+    assert arena(tmp_path, ROOM.replace("0.5", text)).start.x_m == pytest.approx(1.5 * cell_m)
+
+
+def test_missing_file_is_an_error_of_the_arena(tmp_path: Path) -> None:
+    with pytest.raises(ArenaError, match=r"none\.yaml:1: cannot be read"):
+        read_arena(tmp_path / "none.yaml")

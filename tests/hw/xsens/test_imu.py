@@ -1,5 +1,6 @@
 """The driver of Xsens MTi units."""
 
+import math
 import struct
 
 import numpy as np
@@ -99,3 +100,28 @@ def test_message_that_cannot_be_read_is_counted() -> None:
     unit.device.send(xbus.message(MessageId.DATA2, b"\x40\x20\x0c"))
     assert unit.imu.poll() == []
     assert unit.imu.counters.damaged == 1
+
+
+@pytest.mark.parametrize("unknown", [math.nan, math.inf])
+def test_message_without_finite_rates_is_counted(unknown: float) -> None:
+    unit = Unit(NEW_UNIT)
+    acceleration = struct.pack(">HB3f", 0x4020, 12, 1, 2, 9.75)
+    turn = struct.pack(">HB3d", 0x8023, 24, 0, unknown, 0.5)
+    unit.device.send(xbus.message(MessageId.DATA2, acceleration + turn))
+    assert unit.imu.poll() == []
+    assert unit.imu.counters.damaged == 1
+    old = Unit(OLD_UNIT)
+    old.device.send(
+        xbus.message(MessageId.DATA, struct.pack(">13fH", 1, 2, unknown, *[0.5] * 6, 1, 0, 0, 0, 1))
+    )
+    assert old.imu.poll() == []
+    assert old.imu.counters.damaged == 1
+
+
+def test_orientation_that_is_not_finite_is_not_told() -> None:
+    unit = Unit(NEW_UNIT)
+    turned = struct.pack(">HB4f", 0x2010, 16, math.nan, 0, 0, 0)
+    rates = struct.pack(">HB3f", 0x4020, 12, 1, 2, 9.75) + struct.pack(">HB3f", 0x8020, 12, 0, 0, 0.5)
+    unit.device.send(xbus.message(MessageId.DATA2, turned + rates))
+    (oriented,) = unit.imu.poll()
+    assert oriented.quaternion is None

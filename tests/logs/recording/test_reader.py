@@ -1,5 +1,6 @@
 """A log is read in file order, from a given place, as far as it is intact."""
 
+import errno
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -11,6 +12,7 @@ from mcap.writer import CompressionType, IndexType
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from robbie_mp.logs.recording import part
 from robbie_mp.logs.recording.contents import MessageBlock
 from robbie_mp.logs.recording.decoding import LogDecoder
 from robbie_mp.logs.recording.errors import LogUnreadable, NotALog
@@ -252,3 +254,35 @@ def test_folder_without_a_log_or_with_several_is_reported(tmp_path: Path) -> Non
         open_log(tmp_path / "none.mcap")
     with pytest.raises(LogUnreadable, match="cannot be read: Invalid argument"):
         open_log(Path("/proc/self/mem"))  # which fails as a broken disk does
+
+
+class WornOut:
+    """A file on a disk that cannot read some of its blocks any more."""
+
+    def __init__(self, file: BinaryIO, bad: range) -> None:
+        self._file, self._bad = file, bad
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+    def read(self, length: int = -1) -> bytes:
+        at = self._file.tell()
+        data = self._file.read(length)
+        if at < self._bad.stop and self._bad.start < at + len(data):
+            raise OSError(errno.EIO, "Input/output error")
+        return data
+
+
+def test_blocks_that_the_disk_cannot_read_are_damage_and_the_rest_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_log(tmp_path / "a.mcap", 30, chunk_size=600)
+    bad = range(2000, 2001)
+    monkeypatch.setattr(part, "open_regular", lambda file: WornOut(file.open("rb"), bad))
+    with open_log(path) as log:
+        read = told(log)
+        assert 0 < len(read) < 30 and set(map(str, read)) < set(map(str, expected(30)))
+        assert len(log.damage) == 1 and "Input/output error" in log.damage[0]
+    bad = range(0, 1 << 30)
+    with pytest.raises(LogUnreadable, match="cannot be read: Input/output error"):
+        open_log(path)

@@ -112,7 +112,10 @@ def test_every_version_of_the_metadata_is_read(tmp_path: Path, storage: str, ver
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-@pytest.mark.parametrize("content", [None, "", "[", "3", "rosbag2_bagfile_information: 3", "\x00"])
+@pytest.mark.parametrize(
+    "content",
+    [None, "", "[", "3", "rosbag2_bagfile_information: 3", "\x00", "!!int ''", "!!timestamp ''", "[" * 500],
+)
 def test_bag_without_readable_metadata_is_read(tmp_path: Path, storage: str, content: str | None) -> None:
     bag = two_parts(tmp_path / "bag", storage)
     (bag / "metadata.yaml").unlink()

@@ -103,7 +103,17 @@ def test_missing_camera_is_told_and_nothing_is_published(tmp_path: Path) -> None
         ("image_width: 64", "image_height is missing"),
         (CALIBRATION.format(width=64).replace("[60, 0,", "[60,"), "camera_matrix"),
         (CALIBRATION.format(width=64).replace("[60", "[.nan"), "not finite"),
-        ("[", "no YAML"),
+        ("[", "YAML: while parsing"),
+        ("image_width: 2026-13-45", "image_width must be a whole number"),
+        (CALIBRATION.format(width=64.5), "image_width must be a whole number from 1 to 65535, not 64.5"),
+        (CALIBRATION.format(width=-64), "image_width must be a whole number"),
+        (CALIBRATION.format(width=64).replace("[60, 0,", "[-60, 0,"), "camera_matrix must be fx 0 cx"),
+        (
+            CALIBRATION.format(width=64).replace(
+                "[60, 0, 31.5, 0, 61, 23.5, 0, 0, 1]", "[60, 0, 0, 0, 61, 0, 31, 23, 1]"
+            ),
+            "camera_matrix must be fx 0 cx",
+        ),
     ],
 )
 def test_wrong_calibration_is_refused_before_the_start(text: str, problem: str, tmp_path: Path) -> None:

@@ -332,7 +332,17 @@ def test_depth_image_whose_picture_is_not_searched_is_used_after_a_while() -> No
 
 @pytest.mark.parametrize(
     "text",
-    ["", "[1]", "soup: {can: [0.1]}", "soup: {ball: [0.1]}", "soup: {box: [1, 2, -3]}", "soup: ["],
+    [
+        *("", "[1]", "soup: {can: [0.1]}", "soup: {ball: [0.1]}", "soup: {box: [1, 2, -3]}", "soup: ["),
+        *(
+            "soup: {can: [66, 100]}",
+            "soup: {can: [.inf, .1]}",
+            "soup: 2026-13-45",
+            "soup: {can: 3}",
+            "[" * 500,
+        ),
+        *("soup: {can: [.1, .1]}\nsoup: {can: [.2, .2]}", "soup: {can: [true, 0.1]}"),
+    ],
 )
 def test_invalid_file_of_objects_is_an_error_of_the_setting(tmp_path: Path, text: str) -> None:
     file = tmp_path / "objects.yaml"

@@ -23,7 +23,7 @@ from robbie_mp.messages import (
 )
 from robbie_robots.hw.pose import Pose as PlanarPose
 from robbie_robots.hw.simulation.random_rooms import drawn_map
-from robbie_robots.modules.maps.localization import MonteCarloLocalization
+from robbie_robots.modules.maps.localization import FEW_UNPLACED, UNPLACED, MonteCarloLocalization
 from robbie_robots.modules.maps.planar_messages import planar
 from robbie_robots.workers.maps.map_file import write_map
 from robbie_robots.workers.maps.turned_grid import axis_aligned
@@ -49,7 +49,9 @@ def pose_of(x_m: float, y_m: float, heading_rad: float) -> Pose:
     return Pose(position=Point(x=x_m, y=y_m), orientation=Quaternion.from_yaw(heading_rad))
 
 
-def along(drive: DrivenRobot, harness: Harness, way_m: float) -> Iterator[PlanarPose]:
+def along(
+    drive: DrivenRobot, harness: Harness, way_m: float, laser_ahead_s: float = 0.0
+) -> Iterator[PlanarPose]:
     """Drive, and send the module what the robot's devices would say; yields the true poses."""
     for truth in drive.steps(way_m):
         wheels = drive.drive.read()
@@ -57,9 +59,10 @@ def along(drive: DrivenRobot, harness: Harness, way_m: float) -> Iterator[Planar
         odometry = PoseWithCovariance(pose=pose_of(*wheels.pose))
         harness.send(Odometry(header=Header(stamp=stamp), pose=odometry), topic="odom")
         geometry, sweep = drive.laser.geometry, drive.laser.scan()
+        taken = Time.from_nanoseconds(round((wheels.stamp_s + laser_ahead_s) * 1e9))
         harness.send(
             LaserScan(
-                header=Header(stamp=stamp),
+                header=Header(stamp=taken),
                 angle_min=geometry.angle_min_rad,
                 angle_increment=geometry.angle_increment_rad,
                 range_max=geometry.range_max_m,
@@ -89,6 +92,21 @@ def test_pose_is_published_once_it_is_certain_and_survives_a_restart(
         *_, truth = along(drive, restarted, 0.2)
         assert off_m(restarted.take(PoseStamped, "map_pose")[-1], truth) < 0.15
         assert not restarted.take(PoseStamped, "map_pose_guess")
+
+
+@pytest.mark.parametrize("laser_ahead_s", [3600.0, 2.0, -3600.0])
+def test_module_is_degraded_while_the_laser_has_another_clock(
+    drive: DrivenRobot, map_file: Path, laser_ahead_s: float
+) -> None:
+    with ModuleHarness(MonteCarloLocalization, {"map_file": str(map_file)}) as harness:
+        list(along(drive, harness, 0.2))
+        assert not harness.module.degraded
+        list(along(drive, harness, 1.0, laser_ahead_s))
+        assert harness.module.degraded == UNPLACED
+        assert harness.module.unplaced >= FEW_UNPLACED
+        list(along(drive, harness, 0.5))
+        assert not harness.module.degraded
+        assert "scans without odometry" in harness.module.status
 
 
 @pytest.mark.slow

@@ -35,8 +35,8 @@ class Robot:
     def said(self) -> list[str]:
         return [say.text for say in self.harness.take(Say)]
 
-    def stand_at(self, x_m: float) -> None:
-        stamp = Time.from_nanoseconds(self.harness.clock.now_ns())
+    def stand_at(self, x_m: float, ahead_s: float = 0.0) -> None:
+        stamp = Time.from_nanoseconds(self.harness.clock.now_ns() + round(ahead_s * 1e9))
         pose = Pose(position=Point(x=x_m))
         self.harness.send(
             PoseStamped(header=Header(stamp=stamp, frame_id="map"), pose=pose), topic="map_pose"
@@ -99,10 +99,10 @@ def test_place_is_learnt_where_the_robot_stands(robot: Robot) -> None:
     assert robot.said() == ["This is the kitchen."]
 
 
-@pytest.mark.parametrize("age_s", [None, 2.0])
-def test_place_is_not_learnt_without_a_pose_of_now(age_s: float | None, robot: Robot) -> None:
+@pytest.mark.parametrize(("age_s", "ahead_s"), [(None, 0.0), (2.0, 0.0), (0.0, 3600.0), (2.0, 1.95)])
+def test_place_is_not_learnt_without_a_pose_of_now(age_s: float | None, ahead_s: float, robot: Robot) -> None:
     if age_s is not None:
-        robot.stand_at(2.5)
+        robot.stand_at(2.5, ahead_s)
         robot.harness.advance(age_s)
     robot.order("learn", "kitchen")
     assert robot.harness.take(AnnotateMap) == []

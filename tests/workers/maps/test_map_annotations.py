@@ -1,5 +1,6 @@
 """Drawings of people on a map: checked, changed, taken back, saved and drawn into the map's cells."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -86,9 +87,41 @@ def test_saved_annotations_are_read_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "name", ["1e3", "0o7", "no", "1:30", "2026-13-45", "<<", "=", "~", "a: b", "[x", "né"]
+)
+def test_any_name_is_read_again_as_it_was(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "arena.annotations.yaml"
+    named = Annotations().changed((), [(name, SQUARE)], [(f"{name} 2", KITCHEN)])
+    path.write_text(AnnotatedMap(named).as_yaml(), encoding="utf-8")
+    assert read_annotations(path).now == named
+
+
+def test_numbers_mean_what_they_mean_in_profiles(tmp_path: Path) -> None:
+    path = tmp_path / "arena.annotations.yaml"
+    path.write_text("places: {bath: [010, 1e-3, 0]}")
+    assert read_annotations(path).now.places["bath"] == (10.0, 0.001, 0.0)
+
+
+def test_pipe_is_refused_instead_of_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "arena.annotations.yaml"
+    os.mkfifo(path)
+    with pytest.raises(AnnotationFileError, match=r"FIFO|Invalid argument"):
+        read_annotations(path)
+
+
+@pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("{", "cannot be read as YAML"),
+        ("{", ":1: YAML: while parsing"),
+        (
+            "no_go: {a: [[0, 0], [1, 0], [1, 1]],\n a: [[5, 5], [6, 5], [6, 6]]}",
+            ":2: YAML: key 'a' is set twice",
+        ),
+        ("places: {bath: [1, 2, 90]}", "'bath': a heading is at most 2 pi, not 90; is it in degrees?"),
+        ("places: {bath: [1:30, 2, 0]}", "'bath': expected x, y (m)"),
+        ("places: {bath: [!!int '', 2, 0]}", "'' is not of type int"),
+        ("revision: true", "revision must be a number of changes"),
+        ("[" * 500, "nested deeper"),
         ("- 1", "expected the keys revision, no_go and places"),
         ("areas: {}", "expected the keys revision, no_go and places"),
         ("revision: -1", "revision must be a number of changes"),
@@ -96,7 +129,7 @@ def test_saved_annotations_are_read_again(tmp_path: Path) -> None:
         ("no_go: {'': [[0, 0], [1, 0], [1, 1]]}", "an area has no name"),
         ("no_go: {hole: 5}", "'hole' must have 3 to 64 corners"),
         ("places: {bath: [1, 2]}", "'bath': expected x, y (m) and heading (rad)"),
-        ("places: {7: [1, 2, 3]}", "a name has 1 to 64 printable characters, unlike 7"),
+        ("places: {7: [1, 2, 3]}", "expected a str as key; got '7'; quote it"),
     ],
 )
 def test_invalid_file_is_named_with_what_was_expected(tmp_path: Path, text: str, reason: str) -> None:
@@ -104,7 +137,7 @@ def test_invalid_file_is_named_with_what_was_expected(tmp_path: Path, text: str,
     path.write_text(text, encoding="utf-8")
     with pytest.raises(AnnotationFileError) as refused:
         read_annotations(path)
-    assert str(refused.value).startswith(f"{path}: ")
+    assert str(refused.value).startswith(f"{path}:")
     assert reason in str(refused.value)
 
 

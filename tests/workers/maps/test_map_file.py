@@ -70,6 +70,7 @@ def changed(folder: Path, old: str, new: str) -> Path:
         ("- 0.0\n- 0.0\n- 0.0", "- 0.0", "three numbers"),
         ("- 0.0\n- 0.0\n- 0.0", "- 0.0\n- 0.0\n- [0.0]", "three numbers"),
         ("- 0.0\n- 0.0\n- 0.0", "- 0.0\n- 0.0\n- .nan", "origin must be a number"),
+        ("- 0.0\n- 0.0\n- 0.0", "- 0.0\n- 0.0\n- 90", "at most 2 pi, not 90; is it in degrees?"),
         ("mode: trinary", "mode: grey", "mode must be trinary, scale, raw"),
         ("mode: trinary", "mode:", "mode must be"),
         ("negate: 0", "negate: maybe", "negate must be 0 or 1"),
