@@ -77,9 +77,6 @@ class LogPart:
             except OSError as error:
                 raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
             self.is_being_written = not self.is_complete and _is_locked(self._file)
-        except OSError as error:  # of a disk that fails, for example
-            self._file.close()
-            raise LogUnreadable(f"{path} cannot be read: {error.strerror}") from error
         except BaseException:
             self._file.close()
             raise
