@@ -21,6 +21,8 @@ from robbie_mp.module.setting_changes import NotChangeable
 from robbie_mp.run.profile.show import inline
 from robbie_mp.run.run_directory import KnownRun
 
+MAX_FILE_BYTES = 1 << 20
+
 
 class CannotLoad(RobbieError, ValueError):
     """Settings in a file cannot be loaded into a run; none of them has been changed."""
@@ -222,7 +224,11 @@ def load(arguments: argparse.Namespace) -> int:
 def _read(file: Path) -> dict[str, Any]:
     """Return the settings of all modules in a file, by MODULE.SETTING."""
     try:
-        content = read_text(file.read_text(), str(file)).plain()
+        with file.open("rb") as opened:  # perhaps a pipe
+            told = opened.read(MAX_FILE_BYTES + 1)
+        if len(told) > MAX_FILE_BYTES:
+            raise CannotLoad(f"{file} has more than {MAX_FILE_BYTES} bytes, so it is no file of settings")
+        content = read_text(told.decode(), str(file)).plain()
     except (OSError, UnicodeDecodeError) as error:
         raise CannotLoad(f"cannot read {file}: {error}") from error
     modules = content.get("modules") if isinstance(content, Mapping) else None

@@ -335,6 +335,8 @@ def dumps_and_loads_settings(person: Person, tmp_path: Path) -> None:
         file.write_text(text)
         assert said in person.fails("param", "load", str(file))
     person.types("param", "load", str(tmp_path / "none.yaml"), code=1)
+    person.types("param", "load", "/dev/zero", code=1)
+    assert "/dev/zero has more than 1048576 bytes" in person.errors
     person.types("param", "dump", str(tmp_path / "none" / "none.yaml"), code=1)
     assert person.types("param", "get", "tunable.gain") == "7\n", "nothing of this changed anything"
 
