@@ -127,9 +127,8 @@ class MonteCarloLocalization(Module):
             )
         )
         self.show_state("CONVERGED" if newest.converged else "SEARCHING")
+        unplaced = f"; {self.unplaced} scans without odometry" if self.unplaced else ""
         self.status = (
             f"spread {newest.spread_m:.2f} m, {newest.spread_rad:.2f} rad; {newest.agreement:.0%} of returns "
-            f"on the map; {newest.particles} particles"
-            + f"; {self.unplaced} scans without odometry"
-            * bool(self.unplaced)
+            f"on the map; {newest.particles} particles{unplaced}"
         )

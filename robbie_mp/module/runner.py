@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.history import Event, OwnHistory, record_nothing
-from robbie_mp.bus.transport.layout import Activity, Progress
+from robbie_mp.bus.transport.layout import Activity, ModulePhase
 from robbie_mp.bus.transport.records import Outbound
 from robbie_mp.messages import SettingChange
 from robbie_mp.module.inbox import Inbox
@@ -120,15 +120,15 @@ class ModuleRunner(ModuleLoop):
         try:
             self._run()
         except SystemExit:
-            self._place.words[layout.OUT_READY] = Progress.ENDED
+            self._place.words[layout.OUT_READY] = ModulePhase.ENDED
             raise
-        self._place.words[layout.OUT_READY] = Progress.ENDED
+        self._place.words[layout.OUT_READY] = ModulePhase.ENDED
 
     def _run(self) -> None:
         self._ticks.begin()
         # In this order: a module that is stopped in between is STARTING, and has a deadline.
         self._place.endpoint.send(Outbound.READY)
-        self._place.words[layout.OUT_READY] = Progress.READY
+        self._place.words[layout.OUT_READY] = ModulePhase.READY
         while not self.ends and not self._place.peers.may_go:
             # The start waits until the core has read all declarations.
             is_all_pushed = self._place.endpoint.push_backlog()

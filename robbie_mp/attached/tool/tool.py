@@ -16,7 +16,7 @@ from robbie_mp.base.linux.forks import keep_from_forks
 from robbie_mp.bus._hot import choice
 from robbie_mp.bus.transport import layout
 from robbie_mp.bus.transport.channels import ChannelCounters
-from robbie_mp.bus.transport.layout import LINE_WORDS, Activity, Progress
+from robbie_mp.bus.transport.layout import LINE_WORDS, Activity, ModulePhase
 from robbie_mp.bus.transport.records import Delivery, Inbound, MessageHandling, Outbound
 from robbie_mp.bus.transport.run_memory import make_block_store, make_views
 from robbie_mp.bus.transport.segment import SegmentMismatch, SegmentMissing
@@ -146,7 +146,7 @@ class Tool:
 
     def ready(self) -> None:
         """Start receiving messages."""
-        self._words[layout.OUT_READY] = Progress.READY
+        self._words[layout.OUT_READY] = ModulePhase.READY
         self._endpoint.send(Outbound.READY)
 
     def publish(self, message: Message, topic: str, latched: bool = False) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robbie_mp.bus.transport import layout, names
-from robbie_mp.bus.transport.layout import Progress, SegmentKind
+from robbie_mp.bus.transport.layout import ModulePhase, SegmentKind
 from robbie_mp.bus.transport.records import Outbound
 from robbie_mp.bus.transport.segment import Segment, SegmentMismatch, SegmentMissing
 from robbie_mp.bus.transport.tables import ChannelName, DeclarationRow
@@ -51,7 +51,7 @@ class ModuleMemory:
     @property
     def is_ready(self) -> bool:
         """Whether the module has finished its setup."""
-        return self._out is not None and self._out.words[layout.OUT_READY] == Progress.READY
+        return self._out is not None and self._out.words[layout.OUT_READY] == ModulePhase.READY
 
     def close(self) -> None:
         """Unmap the segments."""

@@ -287,7 +287,7 @@ class Activity(IntEnum):
     TEARDOWN = 4
 
 
-class Progress(IntEnum):
+class ModulePhase(IntEnum):
     """How far a module has come, in `OUT_READY`."""
 
     READY = 1

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from robbie_mp.bus.transport import layout, names
 from robbie_mp.bus.transport.board import TOOL_PREFIX, Board, SlotBounds, SlotState, Totals
-from robbie_mp.bus.transport.layout import Activity, Progress, SegmentKind
+from robbie_mp.bus.transport.layout import Activity, ModulePhase, SegmentKind
 from robbie_mp.bus.transport.records import Inbound, Notice, Outbound
 from robbie_mp.bus.transport.run_memory import IncarnationMemory, make_block_store, make_endpoint
 from robbie_mp.bus.transport.segment import Segment, unlink_segment
@@ -153,8 +153,8 @@ class RunMemory:
             return self._core_words[layout.CORE_HEARTBEAT_NS] != self._heartbeat_before
         current, memory = self._incarnations[self._slots[name]]
         return current == incarnation and memory.out.words[layout.OUT_READY] in (
-            Progress.READY,
-            Progress.ENDED,
+            ModulePhase.READY,
+            ModulePhase.ENDED,
         )
 
     def has_ended(self, name: str, incarnation: int) -> bool:
@@ -162,7 +162,7 @@ class RunMemory:
         if name == CORE:
             return True
         current, memory = self._incarnations[self._slots[name]]
-        return current == incarnation and memory.out.words[layout.OUT_READY] == Progress.ENDED
+        return current == incarnation and memory.out.words[layout.OUT_READY] == ModulePhase.ENDED
 
     def awaits_time(self, name: str) -> bool:
         """Whether a child may be waiting for a module that is starting to set the run's time."""
