@@ -69,7 +69,7 @@ def add_parser(subparsers: Commands) -> None:
     )
     module = parser.add_argument("--module", metavar="NAME", help="show only this module, core or supervisor")
     module.completer = completers.modules  # type: ignore[attr-defined]
-    parser.add_argument("--last", metavar="N", type=whole_between(1), help="show only the last N entries")
+    parser.add_argument("--last", metavar="N", type=whole_between(0), help="show only the last N entries")
     parser.add_argument("--follow", action="store_true", help="show new entries until the run ends")
     parser.add_argument("--crashes", action="store_true", help="show crash reports instead")
     parser.add_argument("--json", action="store_true", help="print each entry as one line of JSON")
@@ -151,7 +151,7 @@ def _is_live(directory: Path) -> bool:
 
 
 def _print_crashes(directory: Path, arguments: argparse.Namespace) -> None:
-    for report in crash_reports(directory, arguments.module, arguments.last or 0):
+    for report in crash_reports(directory, arguments.module, arguments.last):
         if arguments.json:
             print(json.dumps(asdict(report)))
         else:

@@ -187,8 +187,8 @@ PROFILES = {
 """By name of the profile: its text, and the line that names it."""
 COMMANDS = {
     "clean ''": (2, "robbie clean: argument folder: the path is empty; see `robbie clean --help`"),
-    "log --last -1": (2, "argument --last: expected a whole number from 1; got '-1'"),
-    "log --last 1_0": (2, "argument --last: expected a whole number from 1; got '1_0'"),
+    "log --last -1": (2, "argument --last: expected a whole number from 0; got '-1'"),
+    "log --last 1_0": (2, "argument --last: expected a whole number from 0; got '1_0'"),
     "replay x --limit nan": (2, "argument --limit: expected a time such as"),
     "replay x --debug 99999": (2, "argument --debug: expected a whole number from 1 to 65535; got '99999'"),
     "pub LaserScan --count 0": (2, "argument --count: expected a whole number from 1; got '0'"),

@@ -42,16 +42,19 @@ def entries(output_directory: Path, modules: list[str] | None = None) -> Iterato
     yield from heapq.merge(*(_entries_of(folder, name) for name in names), key=lambda entry: entry.number)
 
 
-def crash_reports(output_directory: Path, module: str | None = None, newest: int = 0) -> list[CrashReport]:
+def crash_reports(
+    output_directory: Path, module: str | None = None, newest: int | None = None
+) -> list[CrashReport]:
     """Return the crash reports of a run, oldest first.
 
     Args:
         output_directory: where the run writes its results.
         module: only reports of this process; None: of all.
-        newest: only this number of newest reports; 0: all that are kept.
+        newest: only this number of newest reports; None: all that are kept.
     """
     reports = []
-    for path in report_files(trace_folder(output_directory), module)[-newest:]:
+    files = report_files(trace_folder(output_directory), module)
+    for path in files if newest is None else files[max(0, len(files) - newest) :]:
         with contextlib.suppress(FileNotFoundError):  # it was removed as too old
             if report := CrashReport.from_json(path.read_text()):
                 reports.append(report)

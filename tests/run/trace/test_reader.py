@@ -115,6 +115,7 @@ def test_reports_are_read_back_and_only_the_newest_are_kept(tmp_path: Path) -> N
     store.close()
     assert crash_reports(tmp_path, "laser") == [report("laser", number) for number in (3, 4, 5)]
     assert crash_reports(tmp_path, "laser-front", newest=1) == [report("laser-front", 5)]
+    assert crash_reports(tmp_path, newest=0) == []
     assert [found.incarnation for found in crash_reports(tmp_path)] == [3, 3, 4, 4, 5, 5]
     assert len(list((tmp_path / "log" / "crashes").iterdir())) == 6
 
