@@ -30,13 +30,24 @@ from typing_extensions import Self
 from robbie_mp.base.errors import RobbieError
 from robbie_mp.base.linux.private_files import ownership_problem, write_private
 from robbie_mp.base.linux.proc import ProcessIdentity
-from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, NamesTaken, make_folder, remove_names
+from robbie_mp.bus.transport import names
+from robbie_mp.bus.transport.shared_folder import (
+    SHARED_MEMORY,
+    NamesTaken,
+    SegmentMismatch,
+    SegmentMissing,
+    make_folder,
+    opened_folder,
+    remove_names,
+)
 from robbie_mp.run.trace.disk_writer import DiskWriter
 
 RUN_ID = re.compile(r"[0-9a-f]{8}")
 UNFINISHED_PREFIX = "new-"
 MAX_TRIES = 100
 """How many random run ids of 32 bits are tried."""
+LOGIN_SESSIONS = Path("/run/user")
+"""Where systemd makes the XDG_RUNTIME_DIR of each user who is logged in."""
 RECORD_NAME = "run.json"
 PROFILE_FILE = "profile.yaml"
 """The merged profile, for recordings of the run."""
@@ -147,6 +158,7 @@ class RunDirectory:
             undo.callback(os.close, lock_fd)
             write_private(unfinished / RECORD_NAME, json.dumps(asdict(record), indent=2) + "\n")
             unfinished.rename(base / run_id)
+            (shared_memory / names.home(run_id)).symlink_to((base / run_id).absolute())
             undo.pop_all()
         return cls(base / run_id, record, shared_memory, [lock_fd, memory_lock_fd])
 
@@ -171,15 +183,35 @@ def base_folders() -> list[Path]:
     """Return the folders that may hold runs of this user; new ones go to the first."""
     folders = [Path(f"/tmp/robbie-{os.geteuid()}")]
     runtime = os.environ.get("XDG_RUNTIME_DIR")
-    # Under sudo the variable may still name the other user's directory.
-    # Where other users can write, they could replace our folder with theirs.
-    if runtime and os.path.exists(runtime) and not _parent_problem(runtime):
+    if runtime and _is_own(runtime):
         folders.insert(0, Path(runtime) / "robbie")
+    # Cron and system services must see what a login session has started, too.
+    login = LOGIN_SESSIONS / str(os.geteuid())
+    if login / "robbie" not in folders and _is_own(login):
+        folders.append(login / "robbie")
     return folders
 
 
-def _parent_problem(folder: str) -> str:
-    return ownership_problem(os.stat(folder), folder=True, readable=True)
+def _is_own(folder: str | Path) -> bool:
+    """Whether nobody else can replace what is in a folder. Under sudo it may be the other user's."""
+    return os.path.exists(folder) and not ownership_problem(os.stat(folder), folder=True, readable=True)
+
+
+def folders_of(run_id: str, bases: list[Path], shared_memory: Path = SHARED_MEMORY) -> list[Path]:
+    """Return the folders of a run that exist: those in `bases`, and the one that its shared memory names.
+
+    The latter is elsewhere if the run was started with another XDG_RUNTIME_DIR, as in a login session, from
+    cron or by a system service.
+    """
+    folders = [base / run_id for base in bases]
+    with (
+        contextlib.suppress(SegmentMissing, SegmentMismatch, OSError),
+        opened_folder(names.folder(run_id), shared_memory) as fd,
+    ):
+        home = Path(os.readlink(Path(names.home(run_id)).name, dir_fd=fd))
+        if home.name == run_id and home not in folders and not privacy_problem(home.parent):
+            folders.append(home)
+    return [folder for folder in folders if os.path.lexists(folder)]
 
 
 def safe_folders() -> list[Path]:

@@ -12,8 +12,10 @@ import pytest
 
 from robbie_mp.base.linux.proc import ProcessIdentity
 from robbie_mp.bus.transport.shared_folder import remove_names
+from robbie_mp.run import run_directory
 from robbie_mp.run.run_directory import RunDirectory, UnsafeRunFolder, base_folders, list_runs, safe_folders
 from robbie_mp.run.supervisor.sweep import dead_runs
+from tests._support.own_runs import EVERY_BASE_FOLDER
 
 
 def mode(path: Path) -> int:
@@ -131,12 +133,29 @@ def test_runtime_directory_is_preferred_if_it_is_ours(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shared = Path(f"/tmp/robbie-{os.geteuid()}")
+    monkeypatch.setattr(run_directory, "LOGIN_SESSIONS", tmp_path / "nobody is logged in")
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert base_folders() == [tmp_path / "robbie", shared]
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "missing"))
     assert base_folders() == [shared]
     monkeypatch.delenv("XDG_RUNTIME_DIR")
     assert base_folders() == [shared]
+
+
+def test_runs_of_login_sessions_are_found_by_cron_and_by_system_services(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They have no XDG_RUNTIME_DIR, and started a second robot on the same motors."""
+    session = tmp_path / str(os.geteuid())
+    session.mkdir(mode=0o700)
+    monkeypatch.setattr(run_directory, "LOGIN_SESSIONS", tmp_path)
+    monkeypatch.setattr(run_directory, "base_folders", EVERY_BASE_FOLDER)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(session))
+    run = RunDirectory.create("arena", tmp_path)
+    assert run.folder == session / "robbie" / run.run_id
+    monkeypatch.delenv("XDG_RUNTIME_DIR")
+    assert run.run_id in {found.run_id for found in list_runs()}
+    run.remove()
 
 
 def test_folder_that_others_can_write_to_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,11 @@ def folder(run_id: str) -> str:
     return f"robbie-{run_id}"
 
 
+def home(run_id: str) -> str:
+    """A link to the folder of the run, which `XDG_RUNTIME_DIR` hides from other sessions of its user."""
+    return f"{folder(run_id)}/home"
+
+
 def board(run_id: str) -> str:
     """The supervisor's board."""
     return f"{folder(run_id)}/board"

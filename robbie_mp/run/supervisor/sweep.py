@@ -16,7 +16,7 @@ from pathlib import Path
 
 from robbie_mp.bus.transport.names import folder as folder_name
 from robbie_mp.bus.transport.shared_folder import SHARED_MEMORY, is_own, remove_names
-from robbie_mp.run.run_directory import RUN_ID, UNFINISHED_PREFIX, lock_folder, safe_folders
+from robbie_mp.run.run_directory import RUN_ID, UNFINISHED_PREFIX, folders_of, lock_folder, safe_folders
 from robbie_mp.run.supervisor.leftovers import kill_run_leftovers
 
 SHARED_NAME = re.compile(rf"robbie-({RUN_ID.pattern})")
@@ -76,8 +76,8 @@ def dead_runs(bases: list[Path] | None = None, shared_memory: Path = SHARED_MEMO
     bases = safe_folders() if bases is None else bases
     dead = []
     for run_id in _run_ids(bases, shared_memory):
-        with _locked(run_id, bases, shared_memory) as is_dead:
-            dead += [run_id] if is_dead else []
+        with _locked(run_id, bases, shared_memory) as folders:
+            dead += [] if folders is None else [run_id]
     return dead
 
 
@@ -87,11 +87,10 @@ def _sweep_run(
     shared_memory: Path,
     salvage: Callable[[str, Path | None], object],
 ) -> Swept:
-    with _locked(run_id, bases, shared_memory) as is_dead:
-        if not is_dead:
+    with _locked(run_id, bases, shared_memory) as folders:
+        if folders is None:
             return Swept()
         killed = kill_run_leftovers(run_id)
-        folders = [base / run_id for base in bases if (base / run_id).exists()]
         salvage(run_id, folders[0] if folders else None)
         names = remove_names(run_id, shared_memory)
         for folder in folders:
@@ -102,11 +101,12 @@ def _sweep_run(
 
 
 @contextlib.contextmanager
-def _locked(run_id: str, bases: list[Path], shared_memory: Path) -> Iterator[bool]:
-    """Lock the folders of a run as far as they exist; yield whether nobody else held one of the locks."""
-    folders = [*(base / run_id for base in bases), shared_memory / folder_name(run_id)]
+def _locked(run_id: str, bases: list[Path], shared_memory: Path) -> Iterator[list[Path] | None]:
+    """Lock the folders of a dead run; yield those outside shared memory, None if somebody else has a lock."""
+    folders, memory = folders_of(run_id, bases, shared_memory), shared_memory / folder_name(run_id)
     with contextlib.ExitStack() as locks:
-        yield all(_lock(folder, locks) for folder in folders if os.path.lexists(folder))
+        is_dead = all(_lock(folder, locks) for folder in [*folders, memory] if os.path.lexists(folder))
+        yield [folder for folder in folders if os.path.lexists(folder)] if is_dead else None
 
 
 def _lock(folder: Path, locks: contextlib.ExitStack) -> bool:

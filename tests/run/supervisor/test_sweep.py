@@ -130,6 +130,48 @@ def test_process_of_a_dead_run_is_killed(place: Place) -> None:
         assert process.wait() == -9
 
 
+def die(run: RunDirectory) -> None:
+    """Release a run's locks, as its supervisor does when it is killed."""
+    for lock_fd in run._lock_fds:
+        os.close(lock_fd)
+
+
+def test_dead_run_of_a_session_with_another_runtime_directory_is_found_with_its_folder(
+    place: Place, tmp_path: Path
+) -> None:
+    """Its black box was removed without a clip, by a `robbie run` from cron."""
+    run = place.create()
+    die(run)
+    salvaged = []
+    sweep([tmp_path / "other"], place.shared_memory, lambda *found: salvaged.append(found))
+    assert salvaged == [(run.run_id, run.folder)]
+    assert not run.folder.exists()
+
+
+def test_folder_that_others_can_write_to_is_not_taken_for_that_of_a_run(place: Place, tmp_path: Path) -> None:
+    run = place.create()
+    place.base.chmod(0o777)
+    die(run)
+    assert sweep([tmp_path / "other"], place.shared_memory).runs == (run.run_id,)
+    assert run.folder.exists()
+
+
+@pytest.mark.parametrize("kind", ["a folder of another name", "a file"])
+def test_home_that_a_module_has_replaced_is_not_believed(place: Place, tmp_path: Path, kind: str) -> None:
+    run = place.create()
+    home = place.shared_memory / f"robbie-{run.run_id}" / "home"
+    home.unlink()
+    if kind == "a file":
+        home.touch()
+    else:
+        home.symlink_to(tmp_path / "important")
+        (tmp_path / "important").mkdir()
+    die(run)
+    assert sweep([tmp_path / "other"], place.shared_memory).runs == (run.run_id,)
+    assert kind == "a file" or (tmp_path / "important").exists()
+    assert run.folder.exists()
+
+
 def test_names_without_folder_are_removed(place: Place) -> None:
     place.add_names(RUN)
     assert place.sweep().runs == (RUN,)
