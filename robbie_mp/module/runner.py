@@ -1,5 +1,6 @@
 """Runs a module in its own process."""
 
+import os
 import threading
 import time
 from collections.abc import Callable
@@ -117,10 +118,12 @@ class ModuleRunner(ModuleLoop):
 
         Its last act is to say that it has ended as it was meant to: a library may end its process, too.
         """
+        own_pid = os.getpid()
         try:
             self._run()
         except SystemExit:
-            self._place.words[layout.OUT_READY] = ModulePhase.ENDED
+            if os.getpid() == own_pid:  # not in a process that a handler has forked
+                self._place.words[layout.OUT_READY] = ModulePhase.ENDED
             raise
         self._place.words[layout.OUT_READY] = ModulePhase.ENDED
 
