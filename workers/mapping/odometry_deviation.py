@@ -1,10 +1,11 @@
 """How far wheel odometry may be off, learnt from how well it predicts good matches.
 
-Odometry errs in two ways. Systematic errors of scale and heading stay the same for long: a Kalman filter
-estimates them from stretches of the way, and the estimate corrects odometry, also where a bare corridor shows
-nothing. The rest is random. At first, odometry is assumed to be that of an uncalibrated robot; after each
-stretch, its error makes some variances more likely than others, separately along, across, and in heading.
-The likelihood contains the noise of matches and what they do not know, so a bare corridor teaches nothing. In
+Odometry errs in two ways. Systematic errors of scale and heading, and of the angle at which the laser is
+mounted, stay the same for long: a Kalman filter estimates them from stretches of the way, and the estimate
+corrects odometry, also where a bare corridor shows nothing. The rest is random. At first, odometry is assumed
+to be that of an uncalibrated robot; after each stretch, its error makes some variances more likely than
+others, separately along, across, and in heading. The likelihood contains the noise of matches and what they
+do not know, so a bare corridor teaches nothing. In
 outline: Mehra, "On the identification of variances and adaptive Kalman filtering" (1970), and Roy and Thrun,
 "Online self-calibration for mobile robots" (ICRA 1999), with clipped errors (Huber).
 """
@@ -23,7 +24,9 @@ CUT = 3.0  # standard deviations at which errors are clipped
 UNUSUAL = 3.0  # standard deviations by which a turn must differ from the usual curve of the way
 WHOLE_SLIP, LEAST_SLIP = 0.25, 0.2  # m or rad of a step with the full slip; least share of it
 SHARES = np.geomspace(0.05, np.sqrt(2.0), 100)  # possible standard deviations, as a share of the first guess
-SYSTEMATIC = np.diag([0.1, 0.05, 0.1]) ** 2  # covariance of scale, rad per m, rad per rad of an unknown robot
+SYSTEMATIC = (
+    np.diag([0.1, 0.02, 0.05, 0.1]) ** 2
+)  # covariance of what `systematic` lists, of an unknown robot
 LEAST_SEEN = 1e-3
 
 
@@ -31,12 +34,13 @@ class OdometryDeviation:
     """Odometry's systematic errors, and its standard deviation over a step without them.
 
     Attributes:
-        systematic: Share by which a way is longer than odometry says, and a robot's turn beyond what
-            odometry says, rad for each m and for each rad.
+        systematic: Share by which a way is longer than odometry says; angle (rad) by which it is farther to
+            the left, because the laser is mounted that much farther to the right than its pose says; and a
+            robot's turn beyond what odometry says, rad for each m and for each rad.
     """
 
     def __init__(self) -> None:
-        self.systematic = np.zeros(3)
+        self.systematic = np.zeros(4)
         self._covariance = SYSTEMATIC.copy()
         self._likelihood = np.zeros((3, len(SHARES)))  # logarithms
         self._usual = np.zeros(2)  # way and turn of the stretches so far, which are forgotten alike
@@ -67,7 +71,7 @@ class OdometryDeviation:
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore the data that `state` returned."""
-        if "likelihood" not in state:  # of an older version
+        if len(state.get("systematic", ())) != len(self.systematic):  # of an older version
             return
         self.systematic, self._covariance = np.array(state["systematic"]), np.array(state["covariance"])
         self._likelihood = np.array(state["likelihood"])
@@ -75,11 +79,16 @@ class OdometryDeviation:
         self._usual = np.array(state.get("usual", np.zeros(2)))
 
     def corrected(self, step: ArrayLike) -> NDArray[np.float64]:
-        """Return a step by odometry (x m, y m, heading rad) without its systematic errors."""
-        dx, dy, turn = np.asarray(step, float)
-        scale, per_m, per_rad = self.systematic
-        heading = turn + per_m * np.hypot(dx, dy) + per_rad * turn
-        return np.array([dx * (1 + scale), dy * (1 + scale), heading])
+        """Return a step by odometry (x m, y m, heading rad) without its systematic errors.
+
+        An error of the heading grows with the way, so half of it turns the way.
+        """
+        step = np.asarray(step, float)
+        dx, dy, turn = _by_systematic(step) @ self.systematic
+        corrected: NDArray[np.float64] = step + np.array(
+            [dx - turn / 2 * step[1], dy + turn / 2 * step[0], turn]
+        )
+        return corrected
 
     def over(self, step: ArrayLike, moved: ArrayLike | None = None) -> NDArray[np.float64]:
         """Return the standard deviation over a step (x m, y m, heading rad).
@@ -123,6 +132,8 @@ class OdometryDeviation:
         seen = np.maximum(1 - self._unseen, LEAST_SEEN)
         off = relative(self.corrected(self._odometry), self._matched)
         off[2] = wrap_angle(off[2])
+        # As in `corrected`: an error of the heading grows with the way, so half of it turns the way.
+        off[:2] -= off[2] / 2 * np.array([-self._odometry[1], self._odometry[0]])
         guess = first_guess(self._moved)
         share = self.share
         random = (share * guess) ** 2
@@ -136,7 +147,7 @@ class OdometryDeviation:
         self._likelihood = (1 - 1 / MEMORY) * self._likelihood + likelihood
         gain = self._covariance @ by.T @ np.linalg.inv(systematic + np.diag(random + noise))
         self.systematic = self.systematic + gain @ error
-        remaining = (np.eye(3) - gain @ by) @ self._covariance
+        remaining = (np.eye(4) - gain @ by) @ self._covariance
         self._covariance = remaining + (SYSTEMATIC - remaining) / MEMORY**2
 
     def _seen_motion(self, deviation_rad: float) -> NDArray[np.float64]:
@@ -168,9 +179,9 @@ def _common(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.
 
 
 def _by_systematic(step: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the derivatives of a step's error `(3, 3)` by scale, rad per m and rad per rad."""
+    """Return the derivatives of a step's error `(3, 4)` by scale, angle, rad per m and rad per rad."""
     dx, dy, turn = step
-    return np.array([[dx, 0.0, 0.0], [dy, 0.0, 0.0], [0.0, np.hypot(dx, dy), turn]])
+    return np.array([[dx, -dy, 0.0, 0.0], [dy, dx, 0.0, 0.0], [0.0, 0.0, np.hypot(dx, dy), turn]])
 
 
 def first_guess(moved: ArrayLike) -> NDArray[np.float64]:
