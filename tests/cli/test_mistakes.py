@@ -197,6 +197,7 @@ COMMANDS = {
     "run robt": (2, "there is no profile 'robt'; did you mean 'robot'?"),
     "run robot.yaml": (2, "there is no file robot.yaml; did you mean `robbie run robot`?"),
     "run profiles/robot": (2, "there is no profile 'profiles/robot'; did you mean 'robot'?"),
+    "run profiles/robot.yml": (2, "there is no profile 'profiles/robot.yml'; did you mean 'robot'?"),
     "run folder": (2, "there is no profile 'folder'; did you mean 'code'?"),
     "run robot --witout sensor": (2, "arguments: --witout sensor; did you mean '--without'"),
     "run robot --set nope=1": (2, "--set nope: expected MODULE.SETTING=VALUE"),
