@@ -49,6 +49,10 @@ CODE = {
         "class M(Module):\n    rate: flaot = setting(1.0, 'x')",
         "6: NameError: name 'flaot' is not defined; did you mean 'float'",
     ),
+    "setting_without_type": (
+        "class M(Module):\n    x = 1\n    rate = setting(1.0, 'x')",
+        "7: M.rate needs a type, as in `rate: float = setting(…)`",
+    ),
     "hiding_setting": (
         "class M(Module):\n    every: int = setting(1, 'x')",
         "5: the setting every hides Module.every; give it another name",
