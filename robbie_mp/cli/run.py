@@ -126,7 +126,7 @@ def run_robot(
     if arguments.output is None:
         _remove_oldest_results(output.parent, profile.trace.kept_runs)
     count = sum(module.name != BLACK_BOX for module in profile.modules)
-    heading = f"{profile.name}: {count} modules; results in {output}; Ctrl-C ends the run"
+    heading = f"{profile.name}: {count} module{'s' * (count != 1)}; results in {output}; Ctrl-C ends the run"
     screen = RunScreen(quiet=arguments.quiet or arguments.json, heading=heading)
     started_s = time.monotonic()
     summary: dict[str, object] = {}

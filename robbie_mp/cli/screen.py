@@ -15,6 +15,7 @@ import threading
 import time
 from typing import IO, cast
 
+from rich.constrain import Constrain
 from rich.live import Live
 
 from robbie_mp.attached.views.run_figures import LIVE_FIGURES, table
@@ -191,7 +192,10 @@ class RunScreen:
                     next_s = time.monotonic() + REFRESH_S
                     observer = observer or self._observe()
                     if observer:
-                        live.update(table(observer.modules(), live=True, columns=LIVE_FIGURES), refresh=True)
+                        figures = table(observer.modules(), live=True, columns=LIVE_FIGURES)
+                        # An echoed ^C in a full line would begin a new one, which Live does not know of.
+                        width = self._console.width - len("^C")
+                        live.update(Constrain(figures, width), refresh=True)
         finally:
             if observer:
                 observer.close()

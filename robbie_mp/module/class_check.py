@@ -21,7 +21,7 @@ from robbie_mp.base.suggest import did_you_mean
 from robbie_mp.module.clock import is_span
 from robbie_mp.module.handlers import handler_flaw
 from robbie_mp.module.module import Module, period_flaw, tick_without_period
-from robbie_mp.module.settings import settings_of
+from robbie_mp.module.settings import SettingError, settings_of
 from robbie_mp.module.wiring import InvalidTopic, check_topic
 
 HOOKS = {"setup": (), "tick": (), "teardown": (), "setting_changed": ("name: str",)}
@@ -98,6 +98,10 @@ def class_flaws(cls: type) -> Iterator[CodeFlaw]:
         if name in vars(Module) and name != "period_s":
             text = f"the setting {name} hides Module.{name}; give it another name"
             yield CodeFlaw(*place_of(declared.owner), text)
+        try:
+            _ = declared.declared_type
+        except SettingError as flaw_of_type:
+            yield CodeFlaw(*_place_in(declared.owner, name), str(flaw_of_type))
     may_set = _set_by(cls, own)
     yield from _flaws_of_period(cls, own, may_set)
     for one in own:

@@ -123,7 +123,8 @@ class Setting:
         try:
             return check_value(self.declared_type, value, self.limits, folder, self.name)
         except ValueMismatch as mismatch:
-            raise SettingError(f"{self}: {mismatch}", self.name) from None
+            origin = ", its default" if value is self.default else ""
+            raise SettingError(f"{self}: {mismatch}{origin}", self.name) from None
 
 
 @overload

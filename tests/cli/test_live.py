@@ -287,6 +287,7 @@ def changes_settings(person: Person) -> None:
     assert "did you mean 'gain'" in person.errors
     person.types("param", "set", "pulse.burst", "3", code=1)
     assert person.errors.startswith("pulse has no setting 'burst' that can be changed while it runs")
+    assert "or declare it with changeable=True" in person.errors
     file = SettingsFile(person.robot.known_run().folder, "tunable")
     wait_until(lambda: not file.read()["gain"]["change"]["is_on_trial"])
     kill(person.robot.top()["tunable"]["pid"])

@@ -49,6 +49,10 @@ CODE = {
         "class M(Module):\n    rate: flaot = setting(1.0, 'x')",
         "6: NameError: name 'flaot' is not defined; did you mean 'float'",
     ),
+    "setting_without_type": (
+        "class M(Module):\n    x = 1\n    rate = setting(1.0, 'x')",
+        "7: M.rate needs a type, as in `rate: float = setting(…)`",
+    ),
     "hiding_setting": (
         "class M(Module):\n    every: int = setting(1, 'x')",
         "5: the setting every hides Module.every; give it another name",
@@ -197,6 +201,7 @@ COMMANDS = {
     "run robt": (2, "there is no profile 'robt'; did you mean 'robot'?"),
     "run robot.yaml": (2, "there is no file robot.yaml; did you mean `robbie run robot`?"),
     "run profiles/robot": (2, "there is no profile 'profiles/robot'; did you mean 'robot'?"),
+    "run profiles/robot.yml": (2, "there is no profile 'profiles/robot.yml'; did you mean 'robot'?"),
     "run folder": (2, "there is no profile 'folder'; did you mean 'code'?"),
     "run robot --witout sensor": (2, "arguments: --witout sensor; did you mean '--without'"),
     "run robot --set nope=1": (2, "--set nope: expected MODULE.SETTING=VALUE"),

@@ -1,12 +1,16 @@
 """A stopped or closed terminal does not affect the robot."""
 
+import fcntl
 import os
 import pty
+import struct
+import termios
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from rich.text import Text
 
 import robbie_mp.module.loop
 from robbie_mp.cli.screen import QUEUED_LINES, RunScreen
@@ -128,6 +132,22 @@ def test_link_with_its_token_is_printed_only_to_a_terminal(
     os.close(writer)
     assert shown.count(link) == int(is_terminal)
     assert shown.count("robbie gui --link") == int(not is_terminal)
+
+
+def test_live_table_leaves_room_for_the_echo_of_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    observer = SimpleNamespace(modules=list, close=lambda: None)
+    monkeypatch.setattr(RunScreen, "_observe", lambda _self: observer)
+    monkeypatch.setattr("robbie_mp.cli.screen.table", lambda *_, **_columns: Text("#" * 500))
+    controller, terminal = pty.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
+    with RunScreen(quiet=False, fd=terminal):
+        shown = ""
+        while "#\r\n" not in shown:
+            shown += os.read(controller, 1 << 16).decode()
+    os.close(controller)
+    os.close(terminal)
+    assert "#" * 78 in shown
+    assert "#" * 79 not in shown
 
 
 def test_stopped_terminal_does_not_delay_the_end_of_the_run() -> None:

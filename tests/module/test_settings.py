@@ -209,6 +209,6 @@ def test_invalid_declaration_is_refused() -> None:
         x: int = setting(0, "outside", minimum=1)
 
     assert refusal(Untyped) == "Untyped.x needs a type, as in `x: float = setting(…)`"
+    assert refusal(BadDefault) == "BadDefault.x: expected int, at least 1; got 0 (int), its default"
     assert "a setting cannot have the type" in refusal(Wrong)
     assert "the only unions are X | None" in refusal(Ambiguous)
-    assert refusal(BadDefault) == "BadDefault.x: expected int, at least 1; got 0 (int)"

@@ -59,6 +59,7 @@ NEVER = "restart: {policy: never}"
     ("written", "instead", "advice"),
     [
         ("scan.ranges[0]", "scan.ranges[0]", "read-only; all subscribers share the arrays of a message"),
+        ("scan.ranges[0] = 2.0", "input()", "EOF when reading a line; a module has no terminal"),
         ("scan.ranges[0] = 2.0", "scan.rangse", "has no attribute 'rangse'; did you mean 'ranges'"),
         (
             "scan.ranges[0] = 2.0",

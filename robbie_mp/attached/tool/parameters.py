@@ -117,7 +117,8 @@ class Parameters(Mapping[str, Any]):
         module, name, entry = self.find(path)
         if not entry["changeable"]:
             raise NotChangeable(
-                f"{module} has no setting {name!r} that can be changed while it runs; set it in the profile"
+                f"{module} has no setting {name!r} that can be changed while it runs; set it in the profile, "
+                "or declare it with changeable=True"
             )
         return module, name, entry
 

@@ -123,7 +123,9 @@ def message_of_yaml(message_type: type[Message], text: str) -> Message:
     """
     plain = read_text(text, message_type.type_name).plain()
     if not isinstance(plain, dict):
-        raise FieldTypeError(f"{message_type.type_name}: expected a map of its fields, got {plain!r:.60}")
+        raise FieldTypeError(
+            f"{message_type.type_name}: expected a map of its fields, as in '{{field: 1}}', got {plain!r:.60}"
+        )
     return from_dict(message_type, plain)
 
 

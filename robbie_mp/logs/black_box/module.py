@@ -390,30 +390,29 @@ class BlackBox(MessageLogger):
                 del self.ended_ns[number]
 
     def _show(self, now_ns: int) -> None:
-        """Show what is kept, and what has become of all triggers."""
+        """Show what is kept, and what has become of all triggers; a count of zero says nothing."""
         state, recorder = self.state, self.session.recorder
         first_ns = min(self.ended_ns.copy().values(), default=now_ns)
-        parts = [
-            f"keeps {(now_ns - first_ns) / 1e9 + PART_S:.0f} s",
-            f"{state.triggers} triggers",
-            f"{state.clips} clips",
-            self._missed(),
-            f"{len(state.open)} open",
-            f"left out {self.left_out} large messages",
-        ]
-        if removed := self.folder_of_clips.removed:
-            parts.append(f"removed {removed} old clips")
-        if self.session.missed:
-            parts.append(f"dropped {self.session.missed}")
         if self.spool is not None:
             self.spool.look()
-            parts.append(f"left out {self.spool.left_out} of the spool")
+        counts = {
+            f"{state.triggers} triggers": state.triggers,
+            f"{state.clips} clips": state.clips,
+            self._missed(): state.missed,
+            f"{len(state.open)} open": state.open,
+            f"left out {self.left_out} large messages": self.left_out,
+            f"removed {self.folder_of_clips.removed} old clips": self.folder_of_clips.removed,
+            f"dropped {self.session.missed}": self.session.missed,
+        }
+        if self.spool is not None:
+            counts[f"left out {self.spool.left_out} of the spool"] = self.spool.left_out
+        kept = f"keeps {(now_ns - first_ns) / 1e9 + PART_S:.0f} s"
         errors = [recorder.error and f"cannot keep messages: {recorder.error}"]
         errors.append(self.writer.error and f"cannot write clips: {self.writer.error}")
         if self.spool is not None and self.spool.problem:
             errors.append(f"a power cut would lose the last messages: {self.spool.problem}")
         self.degraded = "; ".join(filter(None, errors))
-        self.status = ", ".join(parts)
+        self.status = ", ".join([kept, *(text for text, count in counts.items() if count)])
 
     def _missed(self) -> str:
         reasons = ", ".join(f"{number}: {reason}" for reason, number in self.state.missed.items())

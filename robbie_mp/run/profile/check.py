@@ -104,7 +104,8 @@ def examine(module: dict[str, Any], base: type, workspace: Path, others: list[st
             folder_of=folder_of,
             removed=module.get("removed", ()),
         )
-        errors += [(("settings", error.setting), str(error)) for error in found]
+        said = {flaw.text for flaw in flaws}
+        errors += [(("settings", error.setting), str(error)) for error in found if str(error) not in said]
         if not errors:
             _hook(cls, "check")(dict(settings))
             further += _hook(cls, "further_types")(dict(settings), others) or ()

@@ -28,7 +28,8 @@ def import_flaw(error: BaseException) -> CodeFlaw | None:
         error: what the import raised.
     """
     if isinstance(error, SyntaxError) and error.filename:
-        line = f" in `{error.text.strip()}`" if error.text else ""
+        source = (error.text or "").strip()
+        line = f" in `{source}`" if source else ""
         return CodeFlaw(error.filename, error.lineno or 0, f"{type(error).__name__}: {error.msg}{line}")
     frames = [one for one in traceback.extract_tb(error.__traceback__) if is_of_author(one.filename)]
     if not frames or not (isinstance(error, MISTAKES) or _misses_a_name(error) or _misuses_ours(error)):

@@ -3,7 +3,7 @@
 import os
 import re
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from robbie_mp.base.problem import SourcePlace, refuse
 from robbie_mp.base.stock_robots import ROBOTS, STOCK
@@ -72,7 +72,8 @@ def stock_names() -> list[str]:
 
 def _near(name: str, known: list[str]) -> str:
     """Suggest a profile with the same name in another place, or else those with similar names."""
-    same = next((one for one in (STOCK + name, name.rpartition("/")[2]) if one in known), None)
+    elsewhere = (STOCK + name, PurePath(name).name.removesuffix(".yml"))
+    same = next((one for one in elsewhere if one in known), None)
     return f"; did you mean {same!r}?" if same else did_you_mean(name, known)
 
 

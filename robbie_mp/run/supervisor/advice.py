@@ -5,6 +5,7 @@ from robbie_mp.messages import Message
 from robbie_mp.module.module import Module
 
 READ_ONLY = "; all subscribers share the arrays of a message: change a copy, as in message.ranges.copy()"
+NO_TERMINAL = "; a module has no terminal, so input() cannot ask: send it a message with `robbie pub`"
 
 
 def advice(error: BaseException) -> str:
@@ -14,4 +15,6 @@ def advice(error: BaseException) -> str:
     if isinstance(error, AttributeError) and isinstance(error.obj, Message | Module):
         known = {*dir(type(error.obj)), *getattr(error.obj, "__dict__", ())}
         return did_you_mean(error.name or "", sorted(name for name in known if not name.startswith("_")))
+    if isinstance(error, EOFError) and "reading a line" in str(error):
+        return NO_TERMINAL
     return ""

@@ -46,7 +46,7 @@ def chart_options(names: Iterable[str], unit: str = "", largest: float | None = 
     return {
         "animation": False,
         "backgroundColor": "transparent",
-        "grid": {"left": 60, "right": 20, "top": 40, "bottom": 30},
+        "grid": {"left": 60, "right": 20, "top": 48, "bottom": 30},
         "textStyle": {"color": INK},
         "legend": {"type": "scroll", "top": 0, "textStyle": {"color": INK}},
         "tooltip": {"trigger": "axis"},

@@ -81,7 +81,7 @@ def test_yaml_input_becomes_a_message() -> None:
         ),
         ("{pose: {pose: {positon: {}}}}", "^pose.pose: .* has no field 'positon'; did you mean 'position'"),
         ("{child_frame_id: 3}", "^nav_msgs/msg/Odometry.child_frame_id: expected a str"),
-        ("[1, 2]", "expected a map of its fields"),
+        ("[1, 2]", "expected a map of its fields, as in '{field: 1}', got"),
     ],
 )
 def test_invalid_field_is_reported_with_its_path(text: str, said: str) -> None:

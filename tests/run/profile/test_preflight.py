@@ -172,9 +172,8 @@ def test_class_with_a_wrong_declaration_is_reported(robot: Robot) -> None:
         "class A(Base):\n    x = setting(1, 'no type')",
     )
     write_class(robot, "m:A")
-    assert robot.preflight_problems() == [
-        "profiles/demo.yaml:2: modules.a.settings: A.x needs a type, as in `x: float = setting(…)`"
-    ]
+    flaw = "A.x needs a type, as in `x: float = setting(…)`"
+    assert robot.preflight_problems() == [f"profiles/demo.yaml:2: modules.a.settings: {flaw}"]
 
 
 @pytest.mark.parametrize(
@@ -222,6 +221,14 @@ def test_mistake_in_a_file_of_two_modules_is_reported_once_and_no_module_starts(
         """,
     )
     assert robot.preflight_problems() == ["mods/bad.py:1: SyntaxError: invalid syntax in `def`"]
+
+
+def test_file_that_was_saved_half_way_is_reported_without_a_line(robot: Robot) -> None:
+    (robot.root / "half.py").write_text("class A:\n    def setup(self):\n        ")
+    write_class(robot, "half:A")
+    (problem,) = robot.preflight_problems()
+    assert problem.startswith("half.py:3: IndentationError: expected an indented block")
+    assert problem.endswith("on line 2")
 
 
 @pytest.mark.parametrize("file", ["logging.py", "robbie_mp.py", "random/__init__.py"])
