@@ -407,12 +407,12 @@ class SendStream:
                 self._settle(packet)
             else:
                 self.sent.append(packet)
-        self._take_counts(report, channels)
+        is_possible = self._take_counts(report, channels)
         self._forget_arrived(report.next)
         # What was already under way when everything was to be sent again is missed once more.
         if report.misses and report.newest > self._rewound_at:
             self.rewind()
-        return True
+        return is_possible
 
     def _forget_arrived(self, following: int) -> None:
         """Forget the states that have arrived; `following` is `ReceiverReport.next`."""
@@ -420,13 +420,17 @@ class SendStream:
             if newest.last.is_last and newest.last.sequence < following and not newest.is_lost:
                 del self._newest[number]
 
-    def _take_counts(self, report: ReceiverReport, channels: dict[int, SendChannel]) -> None:
+    def _take_counts(self, report: ReceiverReport, channels: dict[int, SendChannel]) -> bool:
+        """Take over counts, but for those of more messages than are settled; False if there are such."""
+        is_possible = True
         counts = {number: (received, refused) for number, received, refused in report.counts}
         if len(counts) < MAX_COUNTS:  # of the others, nothing has arrived
             counts = dict.fromkeys(self.numbers, (0, 0)) | counts
         for number, (received, refused) in counts.items():
             channel = channels.get(number)
-            if channel is not None and received + refused <= channel.settled:
+            if channel is None or received + refused > channel.settled:
+                is_possible = False
+            else:
                 row = channel.row
                 row[RECEIVED] = row[RECEIVED_BEFORE] + received
                 row[REFUSED] = row[REFUSED_BEFORE] + refused
@@ -436,6 +440,7 @@ class SendStream:
                     newest.is_lost = lost > row[LOST]
                     newest.sent_ns = 0 if newest.is_lost else newest.sent_ns
                 row[LOST] = lost
+        return is_possible
 
     def _settle(self, packet: Packet) -> None:
         self.unsettled_bytes -= packet.size
@@ -486,6 +491,7 @@ class SendStream:
         """Begin with a link that knows nothing of this stream: what was under way counts as lost.
 
         That it may have arrived is no harm if it lets the robot stand: rather a stop twice than none.
+        `start_counting` counts it.
         """
         self.continue_with_next()
         begun = [packet.item for packet in (*self.sent, *self.pending) if packet.is_last]
@@ -496,7 +502,7 @@ class SendStream:
                 self.waiting.move_to_end(self._running, last=False)
                 self.waiting_bytes += len(item.data)
             elif item is not None:
-                item.channel.row.add(LOST)
+                item.channel.settled += 1
         self._newest.clear()
         self.sent.clear()
         self.pending.clear()
@@ -532,7 +538,9 @@ def seems_to_shrink(data: bytes) -> bool:
 
 
 def start_counting(channel: SendChannel) -> None:
-    """Count from now on what a new receiver reports; what an earlier one has reported stays."""
+    """Count from now on what a new receiver reports; what an earlier one has not reported is lost."""
     row = channel.row
+    told = row[RECEIVED] - row[RECEIVED_BEFORE] + row[REFUSED] - row[REFUSED_BEFORE]
+    row[LOST] = channel.lost_before + channel.settled - told
     row[RECEIVED_BEFORE], row[REFUSED_BEFORE] = row[RECEIVED], row[REFUSED]
     channel.lost_before, channel.settled = row[LOST], 0

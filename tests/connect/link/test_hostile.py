@@ -255,6 +255,22 @@ def test_a_report_about_an_earlier_session_cannot_tell_more_than_was_sent() -> N
     assert (row[RECEIVED], row[REFUSED]) == (9, 1)
 
 
+def test_what_was_settled_without_counts_is_lost_when_a_new_session_knows_nothing() -> None:
+    link = Besieged()
+    link.run(12.0, name=COMMAND, traffic=TrafficClass.COMMAND)  # more than may be without a report
+    link.run(0.5, name=ODOM, traffic=TrafficClass.STATE)
+    stream = link.node.peers["blue"].streams[TrafficClass.STATE]
+    (number,) = stream.numbers
+    settled, too_many = stream.sequence + 1, ((number, 99, 0),)
+    link.get(ReceiverReport("blue", TrafficClass.STATE, OTHER, 5, settled, settled, 1, too_many))
+    assert link.node.peers["blue"].strange == 1
+    link.now_ns += 501 * MS
+    link.get(Beat("blue", OTHER + 1, 0, link.now_ns, 0, 0))
+    for account in link.counts.channels():
+        assert account.lost == account.sent
+        assert (account.received, account.under_way) == (0, 0)
+
+
 def test_a_peer_with_endless_channels_fills_neither_books_nor_memory() -> None:
     link = Besieged()
     for number in range(MAX_COUNTS + 20):
