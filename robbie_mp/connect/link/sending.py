@@ -24,7 +24,6 @@ from robbie_mp.connect.link.header import (
     DATAGRAM_BYTES,
     HEADER_BYTES,
     LATCHED,
-    MAX_COUNTS,
     ChannelId,
     DataHeader,
     ReceiverReport,
@@ -423,9 +422,8 @@ class SendStream:
     def _take_counts(self, report: ReceiverReport, channels: dict[int, SendChannel]) -> bool:
         """Take over counts, but for those of more messages than are settled; False if there are such."""
         is_possible = True
-        counts = {number: (received, refused) for number, received, refused in report.counts}
-        if len(counts) < MAX_COUNTS:  # of the others, nothing has arrived
-            counts = dict.fromkeys(self.numbers, (0, 0)) | counts
+        counts = dict.fromkeys(self.numbers, (0, 0))  # of those that it does not name, nothing has arrived
+        counts |= {number: (received, refused) for number, received, refused in report.counts}
         for number, (received, refused) in counts.items():
             channel = channels.get(number)
             if channel is None or received + refused > channel.settled:
