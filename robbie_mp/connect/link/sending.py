@@ -51,6 +51,13 @@ MAX_URGENT = 64
 """Urgent messages that may wait, and packets with others that may be without an acknowledgement."""
 MAX_UNREPORTED = 1024
 """Packets that are not sent again of which the link waits for a report."""
+MISSED_BYTES_PER_S = 1_000_000
+"""What the other link misses is sent again at this rate at most: one that misses something in each report
+must not make this one fill the network."""
+MISSED_PER_SETTLED = 8
+"""Each byte that is settled allows for this many more: all that follows a lost packet is sent again, too."""
+MAX_SAVED_NS = 250_000_000
+"""What was not used of that is saved, up to what this time allows for."""
 STATE_AGAIN_NS = 20_000_000
 """A state is sent again if its report takes this much longer than a round trip,"""
 MAX_REPEATS = 3
@@ -197,6 +204,8 @@ class SendStream:
     """Number of the last packet made."""
     resent: int = 0
     """Packets sent more than once."""
+    unheeded: int = 0
+    """Reports that miss something so soon after the last ones that nothing was sent again for them."""
     unsettled_bytes: int = 0
     """Of packets that have been cut and are not settled."""
     _running: int = 0
@@ -205,6 +214,8 @@ class SendStream:
     _again_ns: int = 0
     _rewound_at: int = 0
     """The number of the last sending when everything was last to be sent again."""
+    _heeds_misses_ns: int = 0
+    """When what is missed may next be sent again."""
     _told: tuple[int, int, int] = (0, 0, 0)
     """What the newest report says: the newest sending, the next packet, and the next to be handled."""
     _newest: dict[int, Newest] = field(default_factory=dict)
@@ -410,8 +421,17 @@ class SendStream:
         self._forget_arrived(report.next)
         # What was already under way when everything was to be sent again is missed once more.
         if report.misses and report.newest > self._rewound_at:
-            self.rewind()
+            self._send_missed(now_ns)
         return is_possible
+
+    def _send_missed(self, now_ns: int) -> None:
+        """Send everything again, unless so much was sent again lately that it is too soon."""
+        if now_ns < self._heeds_misses_ns:
+            self.unheeded += 1
+            return
+        size = sum(packet.size for packet in self.sent)
+        self._heeds_misses_ns = max(self._heeds_misses_ns, now_ns - MAX_SAVED_NS) + _missed_ns(size)
+        self.rewind()
 
     def _forget_arrived(self, following: int) -> None:
         """Forget the states that have arrived; `following` is `ReceiverReport.next`."""
@@ -442,6 +462,7 @@ class SendStream:
 
     def _settle(self, packet: Packet) -> None:
         self.unsettled_bytes -= packet.size
+        self._heeds_misses_ns -= _missed_ns(MISSED_PER_SETTLED * packet.size)
         if packet.is_last and packet.item is not None:
             packet.item.channel.settled += 1
 
@@ -519,6 +540,11 @@ class SendStream:
     @property
     def _round_trip_ns(self) -> int:
         return self.clock.round_trip_ns or 0
+
+
+def _missed_ns(size: int) -> int:
+    """Return how long it takes to send so many bytes again that are missed."""
+    return size * 1_000_000_000 // MISSED_BYTES_PER_S
 
 
 def seems_to_shrink(data: bytes) -> bool:
