@@ -445,6 +445,7 @@ class Link(Module):
             self.node.meet(robot)
         self._take_all()
         now_ns = self.clock.monotonic_ns()
+        self.wire.look_after(now_ns)
         self.node.look_after(now_ns)
         self._look_after_operators(now_ns)
         self._give_orders()

@@ -24,7 +24,6 @@ from robbie_mp.connect.link.header import (
     DATAGRAM_BYTES,
     HEADER_BYTES,
     LATCHED,
-    MAX_COUNTS,
     ChannelId,
     DataHeader,
     ReceiverReport,
@@ -52,6 +51,13 @@ MAX_URGENT = 64
 """Urgent messages that may wait, and packets with others that may be without an acknowledgement."""
 MAX_UNREPORTED = 1024
 """Packets that are not sent again of which the link waits for a report."""
+MISSED_BYTES_PER_S = 1_000_000
+"""What the other link misses is sent again at this rate at most: one that misses something in each report
+must not make this one fill the network."""
+MISSED_PER_SETTLED = 8
+"""Each byte that is settled allows for this many more: all that follows a lost packet is sent again, too."""
+MAX_SAVED_NS = 250_000_000
+"""What was not used of that is saved, up to what this time allows for."""
 STATE_AGAIN_NS = 20_000_000
 """A state is sent again if its report takes this much longer than a round trip,"""
 MAX_REPEATS = 3
@@ -198,6 +204,8 @@ class SendStream:
     """Number of the last packet made."""
     resent: int = 0
     """Packets sent more than once."""
+    unheeded: int = 0
+    """Reports that miss something so soon after the last ones that nothing was sent again for them."""
     unsettled_bytes: int = 0
     """Of packets that have been cut and are not settled."""
     _running: int = 0
@@ -206,6 +214,8 @@ class SendStream:
     _again_ns: int = 0
     _rewound_at: int = 0
     """The number of the last sending when everything was last to be sent again."""
+    _heeds_misses_ns: int = 0
+    """When what is missed may next be sent again."""
     _told: tuple[int, int, int] = (0, 0, 0)
     """What the newest report says: the newest sending, the next packet, and the next to be handled."""
     _newest: dict[int, Newest] = field(default_factory=dict)
@@ -407,12 +417,21 @@ class SendStream:
                 self._settle(packet)
             else:
                 self.sent.append(packet)
-        self._take_counts(report, channels)
+        is_possible = self._take_counts(report, channels)
         self._forget_arrived(report.next)
         # What was already under way when everything was to be sent again is missed once more.
         if report.misses and report.newest > self._rewound_at:
-            self.rewind()
-        return True
+            self._send_missed(now_ns)
+        return is_possible
+
+    def _send_missed(self, now_ns: int) -> None:
+        """Send everything again, unless so much was sent again lately that it is too soon."""
+        if now_ns < self._heeds_misses_ns:
+            self.unheeded += 1
+            return
+        size = sum(packet.size for packet in self.sent)
+        self._heeds_misses_ns = max(self._heeds_misses_ns, now_ns - MAX_SAVED_NS) + _missed_ns(size)
+        self.rewind()
 
     def _forget_arrived(self, following: int) -> None:
         """Forget the states that have arrived; `following` is `ReceiverReport.next`."""
@@ -420,13 +439,16 @@ class SendStream:
             if newest.last.is_last and newest.last.sequence < following and not newest.is_lost:
                 del self._newest[number]
 
-    def _take_counts(self, report: ReceiverReport, channels: dict[int, SendChannel]) -> None:
-        counts = {number: (received, refused) for number, received, refused in report.counts}
-        if len(counts) < MAX_COUNTS:  # of the others, nothing has arrived
-            counts = dict.fromkeys(self.numbers, (0, 0)) | counts
+    def _take_counts(self, report: ReceiverReport, channels: dict[int, SendChannel]) -> bool:
+        """Take over counts, but for those of more messages than are settled; False if there are such."""
+        is_possible = True
+        counts = dict.fromkeys(self.numbers, (0, 0))  # of those that it does not name, nothing has arrived
+        counts |= {number: (received, refused) for number, received, refused in report.counts}
         for number, (received, refused) in counts.items():
             channel = channels.get(number)
-            if channel is not None and received + refused <= channel.settled:
+            if channel is None or received + refused > channel.settled:
+                is_possible = False
+            else:
                 row = channel.row
                 row[RECEIVED] = row[RECEIVED_BEFORE] + received
                 row[REFUSED] = row[REFUSED_BEFORE] + refused
@@ -436,9 +458,11 @@ class SendStream:
                     newest.is_lost = lost > row[LOST]
                     newest.sent_ns = 0 if newest.is_lost else newest.sent_ns
                 row[LOST] = lost
+        return is_possible
 
     def _settle(self, packet: Packet) -> None:
         self.unsettled_bytes -= packet.size
+        self._heeds_misses_ns -= _missed_ns(MISSED_PER_SETTLED * packet.size)
         if packet.is_last and packet.item is not None:
             packet.item.channel.settled += 1
 
@@ -486,6 +510,7 @@ class SendStream:
         """Begin with a link that knows nothing of this stream: what was under way counts as lost.
 
         That it may have arrived is no harm if it lets the robot stand: rather a stop twice than none.
+        `start_counting` counts it.
         """
         self.continue_with_next()
         begun = [packet.item for packet in (*self.sent, *self.pending) if packet.is_last]
@@ -496,7 +521,7 @@ class SendStream:
                 self.waiting.move_to_end(self._running, last=False)
                 self.waiting_bytes += len(item.data)
             elif item is not None:
-                item.channel.row.add(LOST)
+                item.channel.settled += 1
         self._newest.clear()
         self.sent.clear()
         self.pending.clear()
@@ -517,6 +542,11 @@ class SendStream:
         return self.clock.round_trip_ns or 0
 
 
+def _missed_ns(size: int) -> int:
+    """Return how long it takes to send so many bytes again that are missed."""
+    return size * 1_000_000_000 // MISSED_BYTES_PER_S
+
+
 def seems_to_shrink(data: bytes) -> bool:
     """Whether a message probably becomes shorter when it is compressed; samples of a large one tell.
 
@@ -532,7 +562,9 @@ def seems_to_shrink(data: bytes) -> bool:
 
 
 def start_counting(channel: SendChannel) -> None:
-    """Count from now on what a new receiver reports; what an earlier one has reported stays."""
+    """Count from now on what a new receiver reports; what an earlier one has not reported is lost."""
     row = channel.row
+    told = row[RECEIVED] - row[RECEIVED_BEFORE] + row[REFUSED] - row[REFUSED_BEFORE]
+    row[LOST] = channel.lost_before + channel.settled - told
     row[RECEIVED_BEFORE], row[REFUSED_BEFORE] = row[RECEIVED], row[REFUSED]
     channel.lost_before, channel.settled = row[LOST], 0

@@ -32,12 +32,21 @@ from robbie_mp.connect.link.turns import Turns
 if TYPE_CHECKING:
     import zenoh
 
-PACKETS = "robbie/link"
+ROOT = "robbie"
+PACKETS = f"{ROOT}/link"
 """Packets have the key robbie/link/RECEIVER/SENDER."""
-DATAGRAMS = "robbie/datagram"
+DATAGRAMS = f"{ROOT}/datagram"
 """Those that are sent as datagrams have the key robbie/datagram/RECEIVER/SENDER."""
-ROBOTS = "robbie/robot"
-"""Each link announces itself with the key robbie/robot/NAME/SESSION while it lives."""
+ROBOTS = f"{ROOT}/robot"
+"""Each link announces itself with a key robbie/robot/NAME/SESSION.NUMBER while it lives."""
+SPELLINGS = (f"{ROOT}$*", f"$*{ROOT}")
+"""A link subscribes with one of these patterns for the root of the keys, in turn.
+
+Zenoh sends the beginning of a key in full only once on a connection, and then a number for it, even if the
+network has lost the first. What begins with a pattern has no number.
+"""
+DECLARE_NS = 500_000_000
+"""Least time after which a link declares again what it has declared."""
 RECEIVING_THREADS = 8
 """Threads of Zenoh that receive, in one process.
 
@@ -144,9 +153,10 @@ def only_own_names(robot: str, trusted: Iterable[str]) -> dict[str, object]:
 
     asks = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
     says = ("put", "delete", "reply", "liveliness_token")
+    all_keys = [f"{beginning}/**" for beginning in (ROOT, *SPELLINGS)]
     rules = [
-        rule("out", "egress", (*asks, *says), "robbie/**"),
-        rule("asks", "ingress", asks, "robbie/**"),
+        rule("out", "egress", (*asks, *says), *all_keys),
+        rule("asks", "ingress", asks, *all_keys),
     ]
     subjects: list[dict[str, object]] = [{"id": "all"}]
     policies = [{"rules": ["out", "asks"], "subjects": ["all"]}]
@@ -254,12 +264,15 @@ class Wire:
         self.overflowed = 0
         self.oversized = 0
         self.joins_datagrams = has_quic(endpoints)
-        on_sample = zenoh.handlers.Callback(self._on_sample, indirect=False)
-        self._declared = [
-            self._zenoh.declare_subscriber(f"{PACKETS}/{robot}/*", on_sample),
-            self._zenoh.declare_subscriber(f"{DATAGRAMS}/{robot}/*", on_sample),
-            self._zenoh.liveliness().declare_token(f"{ROBOTS}/{robot}/{session:x}"),
+        self._session = session
+        self._said: list[zenoh.Subscriber[None] | zenoh.LivelinessToken] = []
+        """What has been declared that others must know."""
+        self._times_said, self._said_ns = 0, 0
+        self._has_new_stream = False
+        self._declare_itself()
+        self._listens = [
             self._zenoh.liveliness().declare_subscriber(f"{ROBOTS}/*/*", self._on_robot, history=True),
+            self._zenoh.info.declare_link_events_listener(self._on_way, history=True),
         ]
 
     def send(
@@ -309,6 +322,16 @@ class Wire:
         for _ in range(len(self._seen)):
             yield self._seen.popleft()
 
+    def look_after(self, now_ns: int) -> None:
+        """Declare again what others must know, if a new stream has come up; call this every few ms.
+
+        Where the way for datagrams comes up before any stream, Zenoh declares over it. What the network loses
+        of that, it does not repeat, so the other link would never send anything here.
+        """
+        if self._has_new_stream and now_ns - self._said_ns >= DECLARE_NS:
+            self._has_new_stream, self._said_ns = False, now_ns
+            self._declare_itself()
+
     @property
     def something_waits(self) -> bool:
         """Whether packets wait."""
@@ -317,6 +340,23 @@ class Wire:
     def close(self) -> None:
         """End the session; nothing is called back any more."""
         self._zenoh.close()
+
+    def _declare_itself(self) -> None:
+        """Declare where this link receives and that it lives, with other keys than the last time."""
+        import zenoh  # noqa: PLC0415
+
+        on_sample = zenoh.handlers.Callback(self._on_sample, indirect=False)
+        number = self._times_said % len(SPELLINGS)
+        before = self._said
+        self._said = [
+            self._zenoh.liveliness().declare_token(f"{ROBOTS}/{self._robot}/{self._session:x}.{number}")
+        ]
+        for keys in (PACKETS, DATAGRAMS):
+            spelled = keys.replace(ROOT, SPELLINGS[number])
+            self._said.append(self._zenoh.declare_subscriber(f"{spelled}/{self._robot}/*", on_sample))
+        self._times_said += 1
+        for one in before:
+            one.undeclare()
 
     def _declare(self, robot: str, traffic: int, as_datagram: bool, is_express: bool) -> "zenoh.Publisher":
         import zenoh  # noqa: PLC0415
@@ -375,6 +415,12 @@ class Wire:
         if sample.kind == zenoh.SampleKind.PUT:
             self._seen.append(str(sample.key_expr).split("/")[-2])
             self._wake()
+
+    def _on_way(self, event: "zenoh.LinkEvent") -> None:
+        import zenoh  # noqa: PLC0415
+
+        if event.kind == zenoh.SampleKind.PUT and event.link.reliability != zenoh.Reliability.BEST_EFFORT:
+            self._has_new_stream = True
 
 
 def _size(packet: ReceivedPacket) -> int:

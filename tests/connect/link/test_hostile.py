@@ -34,10 +34,16 @@ from robbie_mp.connect.link.header import (
 from robbie_mp.connect.link.node import LinkNode, NodeSettings, Offered
 from robbie_mp.connect.link.receiving import Arrived, Fate, ReceiveStream
 from robbie_mp.connect.link.send_window import MAX_BYTES, SendWindow
-from robbie_mp.connect.link.sending import MAX_UNREPORTED, MAX_URGENT, SendLimits
+from robbie_mp.connect.link.sending import (
+    MAX_UNREPORTED,
+    MAX_URGENT,
+    MISSED_BYTES_PER_S,
+    MISSED_PER_SETTLED,
+    SendLimits,
+)
 from robbie_mp.connect.link.traffic import CLASSES, TrafficClass
 from robbie_mp.connect.link.under_way import MAX_SENDINGS, Arrival, UnderWay
-from tests.connect.link._support.network import MS, Robot, two_robots
+from tests.connect.link._support.network import MS, Conditions, Robot, two_robots
 
 ODOM = ChannelId("nav_msgs/msg/Odometry", 1, "odom")
 POSE = ChannelId("geometry_msgs/msg/PoseStamped", 1, "map_pose")
@@ -55,6 +61,7 @@ class Sent:
 
     def __init__(self) -> None:
         self.packets: list[DataHeader | ReceiverReport | Beat] = []
+        self.data_bytes = 0
 
     def send(
         self,
@@ -66,8 +73,10 @@ class Sent:
         at_once: bool = False,
     ) -> None:
         """Keep a header; it must be one that another link takes."""
-        assert unpack(pack(packet)) == packet
+        header = pack(packet)
+        assert unpack(header) == packet
         self.packets.append(packet)
+        self.data_bytes += len(header) + len(payload) if isinstance(packet, DataHeader) else 0
 
 
 class Besieged:
@@ -178,6 +187,48 @@ def test_what_the_peer_never_reports_fills_no_memory() -> None:
         assert account.under_way >= 0
 
 
+@pytest.mark.parametrize(("step", "settles"), [(0, False), (1, False), (1, True)])
+@pytest.mark.parametrize("traffic", [TrafficClass.URGENT, TrafficClass.RELIABLE, TrafficClass.BULK])
+def test_a_peer_that_always_misses_something_does_not_make_the_link_fill_the_network(
+    traffic: TrafficClass, step: int, settles: bool
+) -> None:
+    link = Besieged()
+    link.run(2.0, name=EVENTS, traffic=traffic, size=900)
+    stream = link.node.peers["blue"].streams[traffic]
+    sent_before, resent_before, settled = link.sent.data_bytes, stream.resent, 0
+    for number in range(5000):  # one second
+        if number % 500 == 0:
+            link.beat()
+        following = min(1 + step * number, stream.sequence)
+        handled = following if settles else 1
+        settled = 1000 * (handled - 1)
+        sending_number = stream.under_way.number
+        report = ReceiverReport(
+            "blue", traffic, OTHER, 5, following, handled, sending_number, (), misses=True
+        )
+        link.get(report)
+        link.now_ns += MS // 5
+    ways = 2 if traffic is TrafficClass.URGENT else 1
+    waited = 200_000  # and goes for the first time
+    limit = waited + 1.3 * MISSED_BYTES_PER_S + MISSED_PER_SETTLED * settled
+    assert link.sent.data_bytes - sent_before < ways * limit
+    assert stream.resent > resent_before
+    assert settles or stream.unheeded > 1000
+
+
+def test_what_is_lost_is_sent_again_at_once_while_most_of_it_arrives() -> None:
+    network, red, blue = two_robots(0, Conditions(delay_ns=5 * MS, loss=0.2, bytes_per_s=2e7))
+    for number in range(200):
+        red.offer(EVENTS, TrafficClass.RELIABLE, bytes([number]) * 20_000)
+        network.run(0.02)
+    network.run(5.0)
+    assert [message[0] for message in blue.received(EVENTS)] == list(range(200))
+    assert red.node is not None
+    stream = red.node.peers["blue"].streams[TrafficClass.RELIABLE]
+    assert stream.resent > 100
+    assert stream.unheeded == 0
+
+
 def test_what_is_taken_but_never_handled_fills_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sending, "MAX_UNSETTLED_BYTES", 1 << 16)
     link = Besieged()
@@ -253,6 +304,22 @@ def test_a_report_about_an_earlier_session_cannot_tell_more_than_was_sent() -> N
     assert row[RECEIVED] == 0
     link.get(ReceiverReport("blue", TrafficClass.STATE, OTHER, 4, 1, 1, 0, ((0, 7, 1),)))
     assert (row[RECEIVED], row[REFUSED]) == (9, 1)
+
+
+def test_what_was_settled_without_counts_is_lost_when_a_new_session_knows_nothing() -> None:
+    link = Besieged()
+    link.run(12.0, name=COMMAND, traffic=TrafficClass.COMMAND)  # more than may be without a report
+    link.run(0.5, name=ODOM, traffic=TrafficClass.STATE)
+    stream = link.node.peers["blue"].streams[TrafficClass.STATE]
+    (number,) = stream.numbers
+    settled, too_many = stream.sequence + 1, ((number, 99, 0),)
+    link.get(ReceiverReport("blue", TrafficClass.STATE, OTHER, 5, settled, settled, 1, too_many))
+    assert link.node.peers["blue"].strange == 1
+    link.now_ns += 501 * MS
+    link.get(Beat("blue", OTHER + 1, 0, link.now_ns, 0, 0))
+    for account in link.counts.channels():
+        assert account.lost == account.sent
+        assert (account.received, account.under_way) == (0, 0)
 
 
 def test_a_peer_with_endless_channels_fills_neither_books_nor_memory() -> None:

@@ -10,6 +10,7 @@ import pytest
 from robbie_mp.connect.link.header import (
     DATAGRAM_BYTES,
     MAGIC,
+    MAX_COUNTS,
     VERSION,
     Beat,
     ChannelId,
@@ -200,6 +201,20 @@ def test_messages_of_a_channel_of_which_nothing_arrives_are_counted_as_lost() ->
     network.run(2.0)
     assert numbers(blue, STATE) == [4]  # only the newest is sent again
     assert red.account(STATE).lost == 4
+
+
+@pytest.mark.parametrize("traffic", [TrafficClass.STATE, TrafficClass.RELIABLE])
+def test_messages_of_more_channels_than_a_report_tells_about_are_counted_as_lost(
+    traffic: TrafficClass,
+) -> None:
+    network, red, blue = two_robots(seed=4)
+    for number in range(MAX_COUNTS + 20):
+        red.offer(STATE._replace(topic=f"odom{number}"), traffic, b"data")
+    network.run(3.0)
+    accounts = [account for account in red.counts.channels() if account.is_sent]
+    assert sum(account.received for account in accounts) == len(blue.journal) == MAX_COUNTS
+    assert sum(account.lost for account in accounts) == 20
+    assert all(account.under_way == 0 for account in accounts)
 
 
 def test_a_reliable_message_waits_for_ten_seconds_without_a_link() -> None:

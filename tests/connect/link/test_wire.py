@@ -3,14 +3,26 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 import zenoh
 
-from robbie_mp.connect.link.wire import STREAMS, Endpoints, has_quic, open_session, ways
+from robbie_mp.connect.link.header import Beat
+from robbie_mp.connect.link.wire import (
+    STREAMS,
+    Endpoints,
+    InboxLimits,
+    Wire,
+    has_quic,
+    open_session,
+    ways,
+)
 from tests._support.robot import wait_until
+from tests.connect.link._support.garbling_relay import garbling_relay
 from tools.robot import free_port
 
 
@@ -56,6 +68,37 @@ def test_two_links_have_a_stream_for_each_range_of_priorities_at_one_address(
 def test_clients_of_a_router_and_links_without_datagrams_have_one_way() -> None:
     for endpoints in (Endpoints(mode="client", datagrams=True), Endpoints()):
         assert ways(endpoints, ["tcp/10.0.0.1:7447"]) == ["tcp/10.0.0.1:7447"]
+
+
+def test_what_is_declared_in_datagrams_and_lost_is_declared_again_in_a_stream() -> None:
+    port = free_port()
+    with ExitStack() as opened:
+
+        def wire(robot: str, listen: Sequence[str] = (), connect: Sequence[str] = ()) -> Wire:
+            endpoints = Endpoints(listen=listen, connect=connect, datagrams=True)
+            one = Wire(robot, 1, endpoints, InboxLimits(1000, 1 << 20), lambda: None)
+            opened.callback(one.close)
+            return one
+
+        near_port, relay = opened.enter_context(garbling_relay(port))
+        red = wire("red", listen=[f"tcp/127.0.0.1:{port}"])
+        blue = wire("blue", connect=[f"tcp/127.0.0.1:{near_port}"])
+        wait_until(lambda: relay.garbled > 0)
+        assert not red._has_new_stream and not blue._has_new_stream
+        wait_until(lambda: all(len(one._zenoh.info.links()) == len(STREAMS) + 1 for one in (red, blue)))
+        relay.garbles = False
+        heard: set[tuple[str, bool]] = set()
+
+        def both_hear_both_ways() -> bool:
+            for one, own, other in ((red, "red", "blue"), (blue, "blue", "red")):
+                one.look_after(time.monotonic_ns())
+                for as_datagram in (True, False):
+                    one.send(other, Beat(own, 1, 2, 3, 4, 5), b"", as_datagram=as_datagram)
+                heard.update((each.robot, each.is_datagram) for each in one.received())
+            return len(heard) == 4
+
+        wait_until(both_hear_both_ways)
+        assert "blue" in red.seen() and "red" in blue.seen()
 
 
 @pytest.mark.slow

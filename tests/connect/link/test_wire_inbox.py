@@ -7,11 +7,12 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
+import zenoh
 
 from robbie_mp.connect.link import wire as wire_module
 from robbie_mp.connect.link.header import PART_BYTES, Beat, ReceivedPacket, pack
 from robbie_mp.connect.link.turns import Turns
-from robbie_mp.connect.link.wire import PACKETS, Endpoints, InboxLimits, Wire
+from robbie_mp.connect.link.wire import DECLARE_NS, PACKETS, Endpoints, InboxLimits, Wire
 from tests._support.robot import wait_until
 
 LIMITS = InboxLimits(packets=100, bytes=2 * PART_BYTES)
@@ -106,3 +107,19 @@ def test_nobody_begins_a_turn_while_the_module_has_it_or_waits_for_it() -> None:
     thread.join()
     assert seen == [False]
     assert turns.begin_at_once()
+
+
+def test_a_new_stream_has_the_link_declare_again_and_datagrams_or_the_end_of_one_do_not(wire: Wire) -> None:
+    def said_after(kind: zenoh.SampleKind, reliability: zenoh.Reliability, now_ns: int) -> int:
+        before = wire._times_said
+        event: Any = SimpleNamespace(kind=kind, link=SimpleNamespace(reliability=reliability))
+        wire._on_way(event)
+        wire.look_after(now_ns)
+        return wire._times_said - before
+
+    begins, ends = zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE
+    assert said_after(begins, zenoh.Reliability.BEST_EFFORT, DECLARE_NS) == 0
+    assert said_after(ends, zenoh.Reliability.RELIABLE, DECLARE_NS) == 0
+    assert said_after(begins, zenoh.Reliability.RELIABLE, DECLARE_NS) == 1
+    assert said_after(begins, zenoh.Reliability.RELIABLE, 2 * DECLARE_NS - 1) == 0
+    assert said_after(ends, zenoh.Reliability.RELIABLE, 2 * DECLARE_NS) == 1  # for the one before

@@ -63,6 +63,7 @@ class LinkAlone:
                 for one in self._wire.received():
                     self._node.take(one)
                 now_ns = time.monotonic_ns()
+                self._wire.look_after(now_ns)
                 self._node.tell_all(now_ns)
                 self._node.look_after(now_ns)
 
