@@ -5,9 +5,9 @@ mounted, stay the same for long: a Kalman filter estimates them from stretches o
 corrects odometry, also where a bare corridor shows nothing. The rest is random. At first, odometry is assumed
 to be that of an uncalibrated robot; after each stretch, its error makes some variances more likely than
 others, separately along, across, and in heading. The likelihood contains the noise of matches and what they
-do not know, so a bare corridor teaches nothing. In
-outline: Mehra, "On the identification of variances and adaptive Kalman filtering" (1970), and Roy and Thrun,
-"Online self-calibration for mobile robots" (ICRA 1999), with clipped errors (Huber).
+do not know, so a bare corridor teaches nothing. In outline: Mehra, "On the identification of variances and
+adaptive Kalman filtering" (1970), and Roy and Thrun, "Online self-calibration for mobile robots" (ICRA 1999),
+with clipped errors (Huber).
 """
 
 from collections.abc import Mapping
