@@ -260,6 +260,7 @@ class Mapping(Module):
             "gaps_open": self.mapper.gaps_open,
             "loops_taken_back": self.mapper.loops_taken_back,
             "odometry_deviation": self.mapper.odometry_deviation.round(3).tolist(),
+            "systematic_errors": self.mapper.systematic_errors.round(4).tolist(),
             "map": {
                 "width_cells": known.shape[1],
                 "height_cells": known.shape[0],

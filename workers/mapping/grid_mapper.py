@@ -234,6 +234,11 @@ class GridMapper:
         return self._tracker.odometry_deviation.share
 
     @property
+    def systematic_errors(self) -> NDArray[np.float64]:
+        """What was learnt of scale (share), the laser's angle (rad), rad per m and rad per rad."""
+        return self._tracker.odometry_deviation.systematic
+
+    @property
     def slips_noticed(self) -> int:
         """Number of times that odometry was far from what the laser saw."""
         return self._slips.noticed

@@ -5,8 +5,9 @@
 A world is a net of corridors of 30 to 120 m, some bare and some with doorways, which join halls and yards. A
 kind exaggerates one trouble: bare corridors of up to 200 m, yards out of the laser's sight, crowds, glass,
 slips of odometry, lifts, sweeps that come every 3 s, halls with rows of equal pillars and a laser that seldom
-sweeps, a long way with good odometry, or the same with a laser up to 1.5 degrees askew. All else is random: sweeps each 0.025 to 3 s, 90 to 360 degrees, 4
-to 80 m, odometry that errs by 0.5 to 30 %, with or without a gyroscope.
+sweeps, a long way with good odometry, or the same with a laser up to 1.5 degrees askew. All else is random:
+sweeps each 0.025 to 3 s, 90 to 360 degrees, 4 to 80 m, odometry that errs by 0.5 to 30 %, with or without a
+gyroscope.
 
 The figure is the mean absolute translational error of relations, as on public logs (`slam_metric`): from 1 to
 100 m of way apart, and between places visited again. A ratio is the map's error to that of its odometry.
@@ -450,7 +451,8 @@ def trial(kind: str, seed: int, change: dict[str, Any] | None = None) -> WorldRe
         slipped_s += [stamp] * (mapper.slips_noticed - slips)
         before = doubts
     path = mapper.trajectory()
-    facing = log.true + [0.0, 0.0, 0.0, conditions.askew_rad]  # where a map made by this laser sees the robot
+    facing = log.true.copy()  # where a map that this laser makes sees the robot
+    facing[:, 3] += conditions.askew_rad
     error, by_odometry = (
         measure(one, _relations(true, np.random.default_rng(seed))).translation_mean_m
         for one, true in ((path, facing), (log.odometry, log.true))
