@@ -24,6 +24,8 @@ GUARDS = 2
 """If the driver hangs and one of them is lost, too, there is another."""
 END_TIMEOUT_S = 1.0
 WRITE_TIMEOUT_S = 0.5
+REPEAT_PERIOD_S = 0.1
+"""A driver that comes back may still write a command that has expired, and hang again."""
 READ_BYTES = 65_536
 
 
@@ -212,7 +214,7 @@ class StopGuards:
 
 
 def watch(orders: int, answers: int, port: int, stop: bytes) -> None:
-    """Stop the robot whenever an order expires, and at the end of the orders."""
+    """Stop the robot when an order expires, until the next one comes, and at the end of the orders."""
     os.set_blocking(answers, False)
     until_s, unwritten = 0.0, b""
     while True:
@@ -228,7 +230,8 @@ def watch(orders: int, answers: int, port: int, stop: bytes) -> None:
             with suppress(OSError):
                 os.write(answers, order)
         elif until_s and time.monotonic() >= until_s:
-            until_s, unwritten = 0.0, stop
+            # What is left of a stop comes first: half of one is no command.
+            until_s, unwritten = time.monotonic() + REPEAT_PERIOD_S, unwritten or stop
         elif writable:
             unwritten = unwritten[_write(port, unwritten) :]
     if select.select([], [port], [], WRITE_TIMEOUT_S)[1]:

@@ -89,6 +89,20 @@ def test_expired_order_stops_the_robot_and_newer_ones_prolong_it(line: Line) -> 
         os.close(host)
 
 
+def test_late_command_of_a_driver_that_hangs_again_does_not_move_the_robot_for_long(line: Line) -> None:
+    host = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
+    guard = StopGuard(host, HALT)
+    try:
+        guard.allow(0.05)
+        line.listen_until(HALT, LIMIT_S)
+        for _ in range(2):
+            os.write(host, DRIVE)
+            line.listen_until(DRIVE + HALT, LIMIT_S)
+    finally:
+        guard.close()
+        os.close(host)
+
+
 def test_order_to_stand_lets_nothing_expire(line: Line) -> None:
     host = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
     guard = StopGuard(host, HALT)
