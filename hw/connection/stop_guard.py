@@ -60,12 +60,17 @@ class StopGuard:
         select.select([self._answers], [], [], FIRST_ANSWER_LIMIT_S)
 
     def allow(self, valid_for_s: float) -> bool:
-        """Let the robot move for this time; 0: it stands. Return False if no guard answers: do not drive."""
-        is_allowed = self.is_answering
-        self._until_s = time.monotonic() + valid_for_s if is_allowed and valid_for_s > 0 else 0.0
-        if is_allowed:
+        """Let the robot move for this time; 0: it stands. Return False if no guard answers: do not drive.
+
+        An order that is refused changes nothing: the robot may still move by the one before.
+        """
+        is_answering = self.is_answering
+        if valid_for_s > 0 and not is_answering:
+            return False
+        self._until_s = time.monotonic() + valid_for_s if valid_for_s > 0 else 0.0
+        if is_answering:
             self._send()
-        return is_allowed
+        return is_answering
 
     def watch(self) -> str:
         """Replace the guard if it is lost. Return why it was, '' if it is not.
@@ -192,11 +197,13 @@ class StopGuards:
             raise
 
     def allow(self, valid_for_s: float) -> bool:
-        """Let the robot move for this time; 0: it stands. Return False if a guard does not answer."""
-        is_allowed = self.is_answering
-        for guard in self._guards:
-            is_allowed &= guard.allow(valid_for_s if is_allowed else 0.0)
-        return is_allowed
+        """Let the robot move for this time; 0: it stands. Return False if a guard does not answer.
+
+        See `StopGuard.allow`.
+        """
+        if valid_for_s > 0 and not self.is_answering:
+            return False
+        return all([guard.allow(valid_for_s) for guard in self._guards])
 
     def watch(self) -> str:
         """Replace guards that are lost; see `StopGuard.watch`."""

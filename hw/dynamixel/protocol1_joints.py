@@ -396,7 +396,10 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
             self._guard_problem = lost
             if self._has_torque:
                 self._write_goals(self._measured_steps())
-        self._allow(self._watchdog_s if self._has_torque else 0.0)
+            # The other guard must not let go what is held now.
+            self._allow(0.0)
+        else:
+            self._allow(self._watchdog_s if self._has_torque else 0.0)
 
     def _measured_steps(self) -> dict[int, int]:
         return {servo.joint.servo: servo.measured for servo in self._servos}

@@ -224,6 +224,23 @@ def stand_without_guard(line: Line, how: signal.Signals, limit_s: float) -> None
         assert not problems
 
 
+def test_other_guard_stops_the_robot_if_the_driver_hangs_after_a_command_refused_for_the_lost_one(
+    line: Line,
+) -> None:
+    with closing(CreateBase(line.path)) as base:
+        give_up_s = time.monotonic() + LIMIT_S
+        while not base.is_guarded:
+            assert time.monotonic() < give_up_s
+            base.poll(0.02)
+        base.command(0.2, 0.0, 0.5)
+        line.listen_until(DRIVE, LIMIT_S)
+        guards()[0].kill()
+        until(lambda: not base.is_guarded, LIMIT_S)
+        base.command(0.2, 0.0, 0.5)
+        assert base.ignored_commands == 1
+        line.listen_until(HALT, LIMIT_S)  # nobody polls
+
+
 @pytest.mark.parametrize("step", ["_kill", "_start"])
 def test_robot_is_stopped_before_its_lost_guard_is_ended_and_replaced(
     line: Line, monkeypatch: pytest.MonkeyPatch, step: str
