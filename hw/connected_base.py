@@ -104,6 +104,7 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
     def command(self, linear_m_per_s: float, angular_rad_per_s: float, valid_for_s: float) -> None:
         """Drive at these speeds until the next command, but no longer than `valid_for_s`."""
         valid_for_s = capped_validity_s(linear_m_per_s, angular_rad_per_s, valid_for_s)
+        until_s = self._monotonic() + valid_for_s
         if not self.is_connected or self._is_emergency_stopped or not self._allow(valid_for_s):
             self.ignored_commands += 1
             return
@@ -113,8 +114,12 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
             abs(linear_m_per_s) / self.limits.linear_m_per_s,
             abs(angular_rad_per_s) / self.limits.angular_rad_per_s,
         )
-        self._valid_until_s = self._monotonic() + valid_for_s
-        self.send(self._motion(linear_m_per_s / excess, angular_rad_per_s / excess))
+        motion = self._motion(linear_m_per_s / excess, angular_rad_per_s / excess)
+        self._valid_until_s = until_s
+        # This process may have been stopped meanwhile, or be stopped in the middle of the write.
+        if not self._stop_expired():
+            self.send(motion)
+            self._stop_expired()
 
     def read(self) -> DriveState:
         """Return the robot's state by wheel odometry; without a connection it counts as standing."""
@@ -152,10 +157,16 @@ class ConnectedBase(PluggableDevice[BaseReading], Drive):
         if self._guard is not None:
             wait_s = min(wait_s, PING_PERIOD_S)
         readings = super().poll(wait_s)
-        if self._valid_until_s is not None and self._monotonic() >= self._valid_until_s:
+        self._stop_expired()
+        return self._watch_guard(readings)
+
+    def _stop_expired(self) -> bool:
+        """Stop the robot if its command has expired. Return whether it has."""
+        has_expired = self._valid_until_s is not None and self._monotonic() >= self._valid_until_s
+        if has_expired:
             self.expired_commands += 1
             self.stop()
-        return self._watch_guard(readings)
+        return has_expired
 
     def _watch_guard(self, readings: list[BaseReading]) -> list[BaseReading]:
         """Stop the robot when its guard is lost, and tell so in a reading at least."""

@@ -24,6 +24,8 @@ GUARDS = 2
 """If the driver hangs and one of them is lost, too, there is another."""
 END_TIMEOUT_S = 1.0
 WRITE_TIMEOUT_S = 0.5
+REPEAT_PERIOD_S = 0.1
+"""A driver that comes back may still write a command that has expired, and hang again."""
 READ_BYTES = 65_536
 
 
@@ -58,12 +60,17 @@ class StopGuard:
         select.select([self._answers], [], [], FIRST_ANSWER_LIMIT_S)
 
     def allow(self, valid_for_s: float) -> bool:
-        """Let the robot move for this time; 0: it stands. Return False if no guard answers: do not drive."""
-        is_allowed = self.is_answering
-        self._until_s = time.monotonic() + valid_for_s if is_allowed and valid_for_s > 0 else 0.0
-        if is_allowed:
+        """Let the robot move for this time; 0: it stands. Return False if no guard answers: do not drive.
+
+        An order that is refused changes nothing: the robot may still move by the one before.
+        """
+        is_answering = self.is_answering
+        if valid_for_s > 0 and not is_answering:
+            return False
+        self._until_s = time.monotonic() + valid_for_s if valid_for_s > 0 else 0.0
+        if is_answering:
             self._send()
-        return is_allowed
+        return is_answering
 
     def watch(self) -> str:
         """Replace the guard if it is lost. Return why it was, '' if it is not.
@@ -190,11 +197,13 @@ class StopGuards:
             raise
 
     def allow(self, valid_for_s: float) -> bool:
-        """Let the robot move for this time; 0: it stands. Return False if a guard does not answer."""
-        is_allowed = self.is_answering
-        for guard in self._guards:
-            is_allowed &= guard.allow(valid_for_s if is_allowed else 0.0)
-        return is_allowed
+        """Let the robot move for this time; 0: it stands. Return False if a guard does not answer.
+
+        See `StopGuard.allow`.
+        """
+        if valid_for_s > 0 and not self.is_answering:
+            return False
+        return all([guard.allow(valid_for_s) for guard in self._guards])
 
     def watch(self) -> str:
         """Replace guards that are lost; see `StopGuard.watch`."""
@@ -212,7 +221,7 @@ class StopGuards:
 
 
 def watch(orders: int, answers: int, port: int, stop: bytes) -> None:
-    """Stop the robot whenever an order expires, and at the end of the orders."""
+    """Stop the robot when an order expires, until the next one comes, and at the end of the orders."""
     os.set_blocking(answers, False)
     until_s, unwritten = 0.0, b""
     while True:
@@ -228,7 +237,8 @@ def watch(orders: int, answers: int, port: int, stop: bytes) -> None:
             with suppress(OSError):
                 os.write(answers, order)
         elif until_s and time.monotonic() >= until_s:
-            until_s, unwritten = 0.0, stop
+            # What is left of a stop comes first: half of one is no command.
+            until_s, unwritten = time.monotonic() + REPEAT_PERIOD_S, unwritten or stop
         elif writable:
             unwritten = unwritten[_write(port, unwritten) :]
     if select.select([], [port], [], WRITE_TIMEOUT_S)[1]:

@@ -234,20 +234,25 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
     def command(self, positions_rad: Mapping[str, float], valid_for_s: float) -> None:
         """Move joints to positions; without a connection, or without its guard, nothing happens."""
         goals = checked(self.joints, positions_rad, valid_for_s)
+        until_s = self._monotonic() + capped_validity_s(valid_for_s)
         if not goals:
             return
         if not self.is_connected or not self._allow(self._watchdog_s):
             self.ignored_commands += 1
             return
         wanted = {self._numbers[place]: self._servos[place].steps(goal) for place, goal in goals.items()}
-        self._valid_until_s = self._monotonic() + capped_validity_s(valid_for_s)
+        self._valid_until_s = until_s
+        # This process may have been stopped meanwhile, or be stopped in the middle of the write.
+        if self._release_expired():
+            return
         if self._has_torque:
             self._write_goals(wanted)
-            return
-        # A servo whose torque comes on goes to its old goal: each of them gets a new one first.
-        self._has_torque = True
-        self._write_goals(self._measured_steps() | wanted)
-        self._write_torque(True)
+        else:
+            # A servo whose torque comes on goes to its old goal: each of them gets a new one first.
+            self._has_torque = True
+            self._write_goals(self._measured_steps() | wanted)
+            self._write_torque(True)
+        self._release_expired()
 
     def release(self) -> None:
         """Switch the torque of all servos off."""
@@ -270,10 +275,16 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
         if self._valid_until_s is not None:
             due_s = min(due_s, self._valid_until_s)
         readings = super().poll(max(0.0, due_s - self._monotonic()))
-        if self._valid_until_s is not None and self._monotonic() >= self._valid_until_s:
+        self._release_expired()
+        return readings
+
+    def _release_expired(self) -> bool:
+        """Let the joints go if their command has expired. Return whether it has."""
+        has_expired = self._valid_until_s is not None and self._monotonic() >= self._valid_until_s
+        if has_expired:
             self.expired_commands += 1
             self.release()
-        return readings
+        return has_expired
 
     def _go_round(self) -> None:
         """Ask each servo, and make a reading of the answers."""
@@ -385,7 +396,10 @@ class Protocol1Joints(PluggableDevice[JointReading], Joints):
             self._guard_problem = lost
             if self._has_torque:
                 self._write_goals(self._measured_steps())
-        self._allow(self._watchdog_s if self._has_torque else 0.0)
+            # The other guard must not let go what is held now.
+            self._allow(0.0)
+        else:
+            self._allow(self._watchdog_s if self._has_torque else 0.0)
 
     def _measured_steps(self) -> dict[int, int]:
         return {servo.joint.servo: servo.measured for servo in self._servos}

@@ -148,17 +148,21 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
     def command(self, positions_rad: Mapping[str, float], valid_for_s: float) -> None:
         """Move joints to positions; without a connection nothing happens."""
         goals = checked(self._servos, positions_rad, valid_for_s)
+        until_s = self._monotonic() + capped_validity_s(valid_for_s)
         if not self.is_connected or not goals:
             return
         if not self._has_torque:
             # A servo whose torque comes on keeps its position: its goal becomes what it measures.
             self.send(protocol2.sync_write(TORQUE_ENABLE, self._for_all(b"\1")))
             self._has_torque = True
-        self._valid_until_s = self._monotonic() + capped_validity_s(valid_for_s)
         steps = {self._servos[place].servo: self._servos[place].steps(goal) for place, goal in goals.items()}
         self._goals |= steps
         written = {servo: struct.pack("<i", goal) for servo, goal in steps.items()}
-        self.send(protocol2.sync_write(GOAL_POSITION, written))
+        self._valid_until_s = until_s
+        # This process may have been stopped meanwhile, or be stopped in the middle of the write.
+        if not self._release_expired():
+            self.send(protocol2.sync_write(GOAL_POSITION, written))
+            self._release_expired()
 
     def release(self) -> None:
         """Switch the torque of all servos off."""
@@ -179,10 +183,16 @@ class DynamixelJoints(PluggableDevice[JointReading], Joints):
         if self._valid_until_s is not None:
             due_s = min(due_s, self._valid_until_s)
         readings = super().poll(max(0.0, min(wait_s, due_s - now_s)))
-        if self._valid_until_s is not None and self._monotonic() >= self._valid_until_s:
+        self._release_expired()
+        return readings
+
+    def _release_expired(self) -> bool:
+        """Let the joints go if their command has expired. Return whether it has."""
+        has_expired = self._valid_until_s is not None and self._monotonic() >= self._valid_until_s
+        if has_expired:
             self.expired_commands += 1
             self.release()
-        return readings
+        return has_expired
 
     def _start(self, port: Port) -> None:
         """Switch the torque off and tell the servos what to show, until all have taken their settings."""

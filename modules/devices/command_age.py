@@ -23,8 +23,6 @@ LOOK_AGE_S: float = setting(
 """The setting of all modules that only turn a camera; its direction is sent once."""
 HELD_UP_S = 0.02
 """A command that took longer to give may have begun late, and is given again with the time that is left."""
-AT_ONCE_S = 0.001
-"""Validity of a command that ends at once."""
 ORDER_WITHIN_S = 1.0
 """An order that lets the robot move is refused when it has waited longer: its client has given it up."""
 
@@ -79,7 +77,11 @@ def left_s(module: Module, command: MotionCommand, max_age_s: float) -> float:
 
 
 def command_since(
-    module: Module, judged_s: float, valid_for_s: float, command: Callable[[float], object]
+    module: Module,
+    judged_s: float,
+    valid_for_s: float,
+    command: Callable[[float], object],
+    end: Callable[[], object],
 ) -> None:
     """Give a device a command that ends in time, however long this process is held up meanwhile.
 
@@ -91,6 +93,7 @@ def command_since(
         judged_s: when the command was judged, by the module's monotonic clock, s.
         valid_for_s: how long it was valid then, s.
         command: gives the device the command; gets how long it is valid, s.
+        end: ends a command that the device has taken too late.
 
     Raises:
         StaleCommand: its time is over.
@@ -100,10 +103,11 @@ def command_since(
         raise StaleCommand(f"this module was held up for {told_s - judged_s:.2f} s while it judged it")
     command(judged_s + valid_for_s - told_s)
     while (now_s := module.monotonic_s()) - told_s > HELD_UP_S:
-        left_s, told_s = judged_s + valid_for_s - now_s, now_s
-        command(max(left_s, AT_ONCE_S))
-        if left_s <= AT_ONCE_S:
-            return
+        told_s = now_s
+        if told_s - judged_s >= valid_for_s:
+            end()
+            raise StaleCommand(f"this module was held up for {told_s - judged_s:.2f} s while it gave it")
+        command(judged_s + valid_for_s - told_s)
 
 
 def waiting_s(module: Module) -> float:

@@ -136,7 +136,8 @@ class CommandedBase(Module):
                 if valid_for_s <= 0.0:
                     raise StaleCommand("a laser that guards driving by hand has sent no scan lately")
                 wanted = self.guard.checked(*wanted)
-            command_since(self, judged_s, valid_for_s, partial(self.drive.command, *wanted))
+            drive = partial(self.drive.command, *wanted)
+            command_since(self, judged_s, valid_for_s, drive, self.drive.stop)
         except StaleCommand as error:
             self._refuse("too old", str(error))
         except DriveCommandError as error:

@@ -164,7 +164,8 @@ class CommandedJoints(Module):
             if followed is None:
                 self._refuse()
                 return
-            command_since(self, judged_s, fresh_s, partial(self.moved.command, followed))
+            move = partial(self.moved.command, followed)
+            command_since(self, judged_s, fresh_s, move, self.moved.release)
             if command.by_hand and self.orders.mode == ControlState.AUTO and not self._is_pan_tilt:
                 self._ask_to_hold()
         except (JointCommandError, StaleCommand) as error:

@@ -89,6 +89,20 @@ def test_expired_order_stops_the_robot_and_newer_ones_prolong_it(line: Line) -> 
         os.close(host)
 
 
+def test_late_command_of_a_driver_that_hangs_again_does_not_move_the_robot_for_long(line: Line) -> None:
+    host = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
+    guard = StopGuard(host, HALT)
+    try:
+        guard.allow(0.05)
+        line.listen_until(HALT, LIMIT_S)
+        for _ in range(2):
+            os.write(host, DRIVE)
+            line.listen_until(DRIVE + HALT, LIMIT_S)
+    finally:
+        guard.close()
+        os.close(host)
+
+
 def test_order_to_stand_lets_nothing_expire(line: Line) -> None:
     host = os.open(line.path, os.O_RDWR | os.O_NOCTTY)
     guard = StopGuard(host, HALT)
@@ -208,6 +222,23 @@ def stand_without_guard(line: Line, how: signal.Signals, limit_s: float) -> None
         problems.clear()
         poll()
         assert not problems
+
+
+def test_other_guard_stops_the_robot_if_the_driver_hangs_after_a_command_refused_for_the_lost_one(
+    line: Line,
+) -> None:
+    with closing(CreateBase(line.path)) as base:
+        give_up_s = time.monotonic() + LIMIT_S
+        while not base.is_guarded:
+            assert time.monotonic() < give_up_s
+            base.poll(0.02)
+        base.command(0.2, 0.0, 0.5)
+        line.listen_until(DRIVE, LIMIT_S)
+        guards()[0].kill()
+        until(lambda: not base.is_guarded, LIMIT_S)
+        base.command(0.2, 0.0, 0.5)
+        assert base.ignored_commands == 1
+        line.listen_until(HALT, LIMIT_S)  # nobody polls
 
 
 @pytest.mark.parametrize("step", ["_kill", "_start"])

@@ -83,6 +83,21 @@ def test_joints_of_both_series_go_where_they_are_told_and_are_let_go_when_the_co
         assert arm.expired_commands >= 1
 
 
+def test_driver_that_is_stopped_in_a_command_until_it_has_expired_lets_the_joints_go_at_once(
+    line: EmulatedLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with closing(Protocol1Joints(line.url, ARM)) as arm:
+        until(arm, lambda one: one.positions_rad[0] > 0.29, {"joint1": 0.3})
+        before, expired = servo(line, 1).get(GOAL), arm.expired_commands
+        with monkeypatch.context() as patch:
+            passed_s = iter([0.0])
+            patch.setattr(arm, "_monotonic", lambda: time.monotonic() + next(passed_s, 0.4))
+            arm.command({"joint1": 1.0}, 0.3)
+        assert arm.expired_commands == expired + 1 and not arm.has_torque
+        until(arm, lambda _: not servo(line, 1).table[TORQUE])
+        assert servo(line, 1).get(GOAL) == before
+
+
 def test_servo_keeps_its_place_when_its_torque_comes_on(line: EmulatedLine) -> None:
     with closing(Protocol1Joints(line.url, ARM)) as arm:
         until(arm, lambda _: True)

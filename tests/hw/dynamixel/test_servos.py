@@ -59,6 +59,21 @@ def test_six_joints_go_where_they_are_told_and_are_let_go_when_the_command_expir
         assert arm.expired_commands >= 1
 
 
+def test_driver_that_is_stopped_in_a_command_until_it_has_expired_lets_the_joints_go_at_once(
+    line: EmulatedLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with closing(DynamixelJoints(line.url, ARM)) as arm:
+        until(arm, lambda one: one.positions_rad[0] > 0.29, {"joint1": 0.3})
+        before, expired = servos(line).servos[1].table[116:120], arm.expired_commands
+        with monkeypatch.context() as patch:
+            passed_s = iter([0.0])
+            patch.setattr(arm, "_monotonic", lambda: time.monotonic() + next(passed_s, 0.4))
+            arm.command({"joint1": 1.0}, 0.3)
+        assert arm.expired_commands == expired + 1 and not arm.has_torque
+        until(arm, lambda _: not servos(line).servos[1].table[64])
+        assert servos(line).servos[1].table[116:120] == before
+
+
 def test_servos_stop_by_their_own_watchdog_when_the_driver_is_silent(line: EmulatedLine) -> None:
     slow = [ServoJoint("wrist", speed_rad_per_s=0.5, servo=3)]
     with closing(DynamixelJoints(line.url, slow, watchdog_s=0.3)) as wrist:

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from typing import Any
 
 import pytest
 
@@ -107,6 +108,26 @@ def test_command_turns_the_wheels_and_expires(robot: Robot) -> None:
     robot.clock.now_s += 0.02
     robot.base.poll()
     assert robot.device.taken() == HALT
+    assert robot.base.expired_commands == 1
+
+
+@pytest.mark.parametrize(
+    ("step", "sent"),
+    [("_motion", HALT), ("send", oi.drive_direct(200, 200) + HALT)],
+    ids=["before the write", "in the write"],
+)
+def test_driver_that_is_stopped_in_a_command_until_it_has_expired_stops_the_robot_at_once(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch, step: str, sent: bytes
+) -> None:
+    take = getattr(robot.base, step)
+
+    def take_late(*arguments: Any) -> Any:
+        robot.clock.now_s += 0.4
+        return take(*arguments)
+
+    monkeypatch.setattr(robot.base, step, take_late)
+    robot.base.command(0.2, 0.0, 0.3)
+    assert robot.device.taken() == sent
     assert robot.base.expired_commands == 1
 
 
