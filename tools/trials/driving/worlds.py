@@ -5,8 +5,9 @@
 A world is a net of corridors of 30 to 120 m, some bare and some with doorways, which join halls and yards. A
 kind exaggerates one trouble: bare corridors of up to 200 m, yards out of the laser's sight, crowds, glass,
 slips of odometry, lifts, sweeps that come every 3 s, halls with rows of equal pillars and a laser that seldom
-sweeps, or a long way with good odometry. All else is random: sweeps each 0.025 to 3 s, 90 to 360 degrees, 4
-to 80 m, odometry that errs by 0.5 to 30 %, with or without a gyroscope.
+sweeps, a long way with good odometry, or a cheap laser with beams 0.7 to 4 degrees apart instead of one.
+All else is random: sweeps each 0.025 to 3 s, 90 to 360 degrees, 4 to 80 m, odometry that errs by 0.5 to 30 %,
+with or without a gyroscope.
 
 The figure is the mean absolute translational error of relations, as on public logs (`slam_metric`): from 1 to
 100 m of way apart, and between places visited again. A ratio is the map's error to that of its odometry.
@@ -52,6 +53,7 @@ KINDS = (
     "rare sweeps",
     "long way",
     "halls",
+    "coarse laser",
 )
 FALSE_LOOP_M = 1.0
 
@@ -79,6 +81,7 @@ class WorldConditions:
         speed_m_s: The robot's speed.
         longest_m: Length of the longest corridors.
         is_regular: Doorways and pillars are all alike, and equally far apart.
+        beam_rad: Angle from one beam to the next.
     """
 
     way_m: float
@@ -96,6 +99,7 @@ class WorldConditions:
     speed_m_s: float
     longest_m: float = 120.0
     is_regular: bool = False
+    beam_rad: float = float(np.radians(1.0))
 
     @staticmethod
     def drawn(kind: str, random: np.random.Generator) -> "WorldConditions":
@@ -146,6 +150,12 @@ class WorldConditions:
                 "view_rad": np.pi,
                 "range_m": 80.0,
                 "drift": between(0.005, 0.05),
+            },
+            "coarse laser": {
+                "beam_rad": float(np.radians(between(0.7, 4.0))),
+                "view_rad": 2 * np.pi,
+                "range_m": between(4.0, 12.0),
+                "sweep_s": between(0.1, 0.2),
             },
         }
         return replace(drawn, **changes.get(kind, {}))
@@ -372,7 +382,7 @@ class _Crowd:
 def _swept(
     world: World, conditions: WorldConditions, pose: Array, people: Array, random: np.random.Generator
 ) -> LaserSweep:
-    beams = 1 + round(conditions.view_rad / np.radians(1.0))
+    beams = 1 + round(conditions.view_rad / conditions.beam_rad)
     bearings = np.linspace(-conditions.view_rad / 2, conditions.view_rad / 2, beams)
     segments, reach = world.arena.segments, conditions.range_m
     low, high = np.minimum(segments[:, :2], segments[:, 2:]), np.maximum(segments[:, :2], segments[:, 2:])
