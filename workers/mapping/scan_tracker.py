@@ -89,6 +89,14 @@ class ScanTracker:
         costs = [matcher.cost(hits, fit, window.distance_m, guess, prior) for fit in fits]
         return fits[int(np.argmin(costs))].informed(prior)
 
+    def judging(
+        self, sweep: LaserSweep, match: Match, guess: NDArray[np.float64], deviation: NDArray[np.float64]
+    ) -> Match:
+        """Return the match of a sweep with another standard deviation of odometry, by which to judge it."""
+        prior = rotated_information(np.diag(deviation**-2.0), guess[2])
+        matcher = self._recent()[1]
+        return matcher.refine(sweep.hits.thinned(MOST_POINTS), match.pose, guess, prior).informed(prior)
+
     def _recent(self) -> tuple[ScoreField, ScanMatcher]:
         if self._reference is None:
             surfaces = self._keys.lasting_surfaces(self.reference())
