@@ -92,10 +92,13 @@ class ScanTracker:
     def judging(
         self, sweep: LaserSweep, match: Match, guess: NDArray[np.float64], deviation: NDArray[np.float64]
     ) -> Match:
-        """Return the match of a sweep with another standard deviation of odometry, by which to judge it."""
+        """Return the match of a sweep's wide things with another standard deviation of odometry.
+
+        It serves to judge odometry, so people have no part in it.
+        """
         prior = rotated_information(np.diag(deviation**-2.0), guess[2])
-        matcher = self._recent()[1]
-        return matcher.refine(sweep.hits.thinned(MOST_POINTS), match.pose, guess, prior).informed(prior)
+        hits = sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS)
+        return self._recent()[1].refine(hits, match.pose, guess, prior).informed(prior)
 
     def _recent(self) -> tuple[ScoreField, ScanMatcher]:
         if self._reference is None:
