@@ -80,7 +80,8 @@ class LaserSweep:
     def hits(self) -> SurfacePoints:
         """Where beams ended; computed on first use, so that a map is restored quickly."""
         returned = np.isfinite(self.ranges_m)
-        return SurfacePoints.from_bearings(self.bearings_rad[returned], self.ranges_m[returned])
+        bearings, ranges = self.bearings_rad[returned], self.ranges_m[returned]
+        return SurfacePoints.from_bearings(bearings, ranges, self.angle_increment_rad)
 
     @cached_property
     def is_wide(self) -> NDArray[np.bool_]:

@@ -9,7 +9,8 @@ from robbie_robots.workers.planar_pose import relative, rotate, transform_points
 
 NEIGHBOURS_EACH_SIDE = 6
 SMALLEST_REACH_M = 0.2
-REACH_PER_RANGE = 0.06  # far beams are far apart on a wall seen at a grazing angle
+REACH_PER_RANGE = 0.06  # far beams are far apart on a wall seen at a grazing angle,
+REACH_BEAMS = 3.4  # and so are those of a coarse laser: the reach is at least this many of its beams
 FEWEST_OF_A_LINE = 3
 FLATNESS = 0.1  # greatest share of the spread across a surface to that along it
 GRAZING = 5  # successive points that show a wall at which the beams graze, however far apart they are,
@@ -35,10 +36,19 @@ class SurfacePoints:
     normals: NDArray[np.float64]
 
     @staticmethod
-    def from_bearings(bearings_rad: NDArray[np.float64], ranges_m: NDArray[np.float64]) -> "SurfacePoints":
-        """Take the ends of beams, in the order they were swept, in the laser's frame."""
+    def from_bearings(
+        bearings_rad: NDArray[np.float64], ranges_m: NDArray[np.float64], step_rad: float
+    ) -> "SurfacePoints":
+        """Take the ends of beams, in the order they were swept, in the laser's frame.
+
+        Args:
+            bearings_rad: `(N,)`, directions of the beams that returned.
+            ranges_m: `(N,)`.
+            step_rad: From one of the laser's beams to the next.
+        """
         points = ranges_m[:, None] * np.column_stack([np.cos(bearings_rad), np.sin(bearings_rad)])
-        return SurfacePoints(points, _normals(points, ranges_m))
+        reach = np.maximum(SMALLEST_REACH_M, max(REACH_PER_RANGE, REACH_BEAMS * step_rad) * ranges_m)
+        return SurfacePoints(points, _normals(points, reach))
 
     def moved(self, pose: ArrayLike) -> "SurfacePoints":
         """Transform the points into the frame in which `pose` is given."""
@@ -104,9 +114,8 @@ class SurfacePoints:
         )
 
 
-def _normals(points: NDArray[np.float64], ranges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Fit a line through each point's near neighbours in the sweep (by principal components)."""
-    reach = np.maximum(SMALLEST_REACH_M, REACH_PER_RANGE * ranges)
+def _normals(points: NDArray[np.float64], reach: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Fit a line through each point's neighbours in the sweep within its reach (by principal components)."""
     moments = np.zeros((len(points), 6))  # count, x, y, xx, xy, yy of the neighbours, seen from the point
     moments[:, 0] = 1.0
     for shift in range(1, min(NEIGHBOURS_EACH_SIDE, len(points) - 1) + 1):

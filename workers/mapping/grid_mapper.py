@@ -390,7 +390,8 @@ class GridMapper:
             if has_slipped:
                 calibration.interrupt()
             else:
-                calibration.learn(raw, relative(before, match.pose), moved, match.known)
+                judging = self._tracker.judging(sweep, match, compose(before, step), first_guess(moved))
+                calibration.learn(raw, relative(before, judging.pose), moved, judging.known)
             self._base = self._anchors.rows[-1].copy()
         if is_key:
             self._closer.look()

@@ -44,11 +44,11 @@ class OdometryDeviation:
         self._covariance = SYSTEMATIC.copy()
         self._likelihood = np.zeros((3, len(SHARES)))  # logarithms
         self._usual = np.zeros(2)  # way and turn of the stretches so far, which are forgotten alike
-        self._begin(np.zeros(3))
+        self._begin()
 
-    def _begin(self, noise: NDArray[np.float64]) -> None:
+    def _begin(self) -> None:
         self._odometry, self._matched = np.zeros(3), np.zeros(3)
-        self._moved, self._unseen, self._noise = np.zeros(3), np.ones(3), noise
+        self._moved, self._unseen, self._noise = np.zeros(3), np.zeros(3), np.zeros(3)
 
     @property
     def share(self) -> NDArray[np.float64]:
@@ -113,22 +113,24 @@ class OdometryDeviation:
 
         Args:
             step: Odometry's motion.
-            matched: The motion between two matches, fused with odometry.
+            matched: The motion from where the map has the robot to a match that trusts odometry only like
+                that of an unknown robot. One that trusts it more would confirm what it trusts.
             moved: Length of the way, 0, and the sum of its turns.
-            known: For each axis the share of what is known of the second match that comes from the sweep.
+            known: For each axis the share of what is known of that match that comes from the sweep.
         """
         self._odometry = compose(self._odometry, step)
         self._matched = compose(self._matched, matched)
+        self._unseen = self._unseen + moved.sum() * (1 - known)
         self._moved = self._moved + moved
-        self._unseen = self._unseen * (1 - known)
+        self._noise = self._noise + first_guess(moved) ** 2 * (1 - known)
         if self._moved[0] < STRETCH_M and self._moved[2] < STRETCH_RAD:
             return
-        noise = self.over(step, moved) ** 2 * (1 - known)  # of the newest match
-        self._compare(self._noise + noise)
-        self._begin(noise)
+        self._unseen /= self._moved.sum()
+        self._compare(self._noise)
+        self._begin()
 
     def _compare(self, noise: NDArray[np.float64]) -> None:
-        """Learn from a stretch, with the variance of the matches at its ends."""
+        """Learn from a stretch, with the variance of its matches."""
         seen = np.maximum(1 - self._unseen, LEAST_SEEN)
         off = relative(self.corrected(self._odometry), self._matched)
         off[2] = wrap_angle(off[2])
@@ -169,7 +171,7 @@ class OdometryDeviation:
 
     def interrupt(self) -> None:
         """Begin a new stretch, because the robot was found elsewhere."""
-        self._begin(np.zeros(3))
+        self._begin()
 
 
 def _common(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:

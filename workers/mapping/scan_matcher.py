@@ -25,6 +25,7 @@ NARROWING = 0.7
 MOST_ROUNDS = 20
 SETTLED = 1e-3  # m and rad alike
 MATCH_TRUST = 0.2  # the errors of one sweep's points are correlated, so they count as fewer points
+REALLY_KNOWN = 0.33  # share of a match's information with which it leaves its prior: points change partners
 NORMAL_NOISE = 0.06  # rad; along a bare wall, this noise of its normals looks like knowledge
 STEADY = 1e-3 * np.eye(3)  # keeps a sweep without partners at its guess
 
@@ -62,11 +63,11 @@ class Match:
 
     def informed(self, prior: NDArray[np.float64]) -> "Match":
         """Return the match with the information of odometry, in the reference's frame, besides its own."""
-        both = self.information + prior
         alone, together = (
-            np.diag(np.linalg.inv(rotated_information(one, -self.pose[2]))) for one in (prior, both)
+            np.diag(np.linalg.inv(rotated_information(one, -self.pose[2])))
+            for one in (prior, prior + REALLY_KNOWN * self.information)
         )
-        return replace(self, information=both, known=1 - together / alone)
+        return replace(self, information=self.information + prior, known=1 - together / alone)
 
 
 class ScanMatcher:

@@ -89,6 +89,17 @@ class ScanTracker:
         costs = [matcher.cost(hits, fit, window.distance_m, guess, prior) for fit in fits]
         return fits[int(np.argmin(costs))].informed(prior)
 
+    def judging(
+        self, sweep: LaserSweep, match: Match, guess: NDArray[np.float64], deviation: NDArray[np.float64]
+    ) -> Match:
+        """Return the match of a sweep's wide things with another standard deviation of odometry.
+
+        It serves to judge odometry, so people have no part in it.
+        """
+        prior = rotated_information(np.diag(deviation**-2.0), guess[2])
+        hits = sweep.hits.chosen(sweep.is_wide).thinned(MOST_POINTS)
+        return self._recent()[1].refine(hits, match.pose, guess, prior).informed(prior)
+
     def _recent(self) -> tuple[ScoreField, ScanMatcher]:
         if self._reference is None:
             surfaces = self._keys.lasting_surfaces(self.reference())

@@ -64,7 +64,7 @@ def test_children_of_a_killed_supervisor_die_and_a_sweep_removes_the_rest(tmp_pa
         assert [run.is_live for run in list_runs([tmp_path / "runs"])] == [False]
         swept = swept_of(run_id, tmp_path)
         assert swept.runs == (run_id,)
-        assert swept.names == (f"robbie-{run_id}/board", f"robbie-{run_id}")
+        assert swept.names == (f"robbie-{run_id}/board", f"robbie-{run_id}/home", f"robbie-{run_id}")
         assert set(swept.processes) == set(forked), "the kernel does not kill what children forked"
         assert all(map(is_gone, forked))
         assert list((tmp_path / "runs").iterdir()) == []

@@ -135,13 +135,16 @@ def test_raw_odometry_on_intel_has_the_known_error() -> None:
 
 
 @needs_intel
-def test_mapper_is_accurate_on_the_first_lap_of_intel() -> None:
-    mapper, sweeps, most = GridMapper(), 0, 330
+@pytest.mark.parametrize(("every", "most", "error_m"), [(1, 330, 0.06), (2, 330, 0.04), (4, 150, 0.1)])
+def test_mapper_is_accurate_on_the_first_lap_of_intel(every: int, most: int, error_m: float) -> None:
+    """With every fourth beam, it was 1.5 m off after 150 sweeps: its matches confirmed odometry."""
+    mapper, sweeps = GridMapper(), 0
     for record in CarmenLog(DATA / "intel.clf").drive():
         if isinstance(record, LaserRecord):
             sweeps += 1
-            bearings = record.angle_min_rad, record.angle_increment_rad
-            mapper.add_scan(record.ipc_time_s, LaserSweep.from_ranges(record.ranges_m, *bearings, 0.02, 80.0))
+            ranges_m, step_rad = np.array(record.ranges_m)[::every], every * record.angle_increment_rad
+            sweep = LaserSweep.from_ranges(ranges_m, record.angle_min_rad, step_rad, 0.02, 80.0)
+            mapper.add_scan(record.ipc_time_s, sweep)
         else:
             mapper.add_odometry(record.ipc_time_s, (record.x_m, record.y_m, record.theta_rad))
         if sweeps == most:
@@ -149,7 +152,7 @@ def test_mapper_is_accurate_on_the_first_lap_of_intel() -> None:
     relations = read_table(DATA / "intel.relations", 8, "relations")
     odometry = mapper.state()["odometry"]["rows"]
     score, by_odometry = measure(mapper.trajectory(), relations), measure(odometry, relations)
-    assert score.relations_used > 500
-    assert by_odometry.translation_mean_m > 0.5
-    assert score.translation_mean_m < 0.06
+    assert score.relations_used > most
+    assert by_odometry.translation_mean_m > 0.3
+    assert score.translation_mean_m < error_m
     assert score.rotation_mean_deg < 2.5

@@ -5,9 +5,9 @@
 A world is a net of corridors of 30 to 120 m, some bare and some with doorways, which join halls and yards. A
 kind exaggerates one trouble: bare corridors of up to 200 m, yards out of the laser's sight, crowds, glass,
 slips of odometry, lifts, sweeps that come every 3 s, halls with rows of equal pillars and a laser that seldom
-sweeps, a long way with good odometry, or the same with a laser up to 1.5 degrees askew. All else is random:
-sweeps each 0.025 to 3 s, 90 to 360 degrees, 4 to 80 m, odometry that errs by 0.5 to 30 %, with or without a
-gyroscope.
+sweeps, a long way with good odometry, the same with a laser up to 1.5 degrees askew, or a cheap laser with
+beams 0.7 to 4 degrees apart instead of one. All else is random: sweeps each 0.025 to 3 s, 90 to 360 degrees,
+4 to 80 m, odometry that errs by 0.5 to 30 %, with or without a gyroscope.
 
 The figure is the mean absolute translational error of relations, as on public logs (`slam_metric`): from 1 to
 100 m of way apart, and between places visited again. A ratio is the map's error to that of its odometry.
@@ -54,6 +54,7 @@ KINDS = (
     "long way",
     "halls",
     "askew laser",
+    "coarse laser",
 )
 FALSE_LOOP_M = 1.0
 
@@ -82,6 +83,7 @@ class WorldConditions:
         longest_m: Length of the longest corridors.
         is_regular: Doorways and pillars are all alike, and equally far apart.
         askew_rad: Angle by which the laser is mounted farther to the left than the mapper is given.
+        beam_rad: Angle from one beam to the next.
     """
 
     way_m: float
@@ -100,6 +102,7 @@ class WorldConditions:
     longest_m: float = 120.0
     is_regular: bool = False
     askew_rad: float = 0.0
+    beam_rad: float = float(np.radians(1.0))
 
     @staticmethod
     def drawn(kind: str, random: np.random.Generator) -> "WorldConditions":
@@ -153,6 +156,12 @@ class WorldConditions:
                 "drift": between(0.005, 0.05),
             },
             "askew laser": {**long_way, "askew_rad": float(np.radians(random.uniform(-1.5, 1.5)))},
+            "coarse laser": {
+                "beam_rad": float(np.radians(between(0.7, 4.0))),
+                "view_rad": 2 * np.pi,
+                "range_m": between(4.0, 12.0),
+                "sweep_s": between(0.1, 0.2),
+            },
         }
         return replace(drawn, **changes.get(kind, {}))
 
@@ -378,7 +387,7 @@ class _Crowd:
 def _swept(
     world: World, conditions: WorldConditions, pose: Array, people: Array, random: np.random.Generator
 ) -> LaserSweep:
-    beams = 1 + round(conditions.view_rad / np.radians(1.0))
+    beams = 1 + round(conditions.view_rad / conditions.beam_rad)
     bearings = np.linspace(-conditions.view_rad / 2, conditions.view_rad / 2, beams)
     segments, reach = world.arena.segments, conditions.range_m
     low, high = np.minimum(segments[:, :2], segments[:, 2:]), np.maximum(segments[:, :2], segments[:, 2:])
