@@ -24,9 +24,7 @@ CUT = 3.0  # standard deviations at which errors are clipped
 UNUSUAL = 3.0  # standard deviations by which a turn must differ from the usual curve of the way
 WHOLE_SLIP, LEAST_SLIP = 0.25, 0.2  # m or rad of a step with the full slip; least share of it
 SHARES = np.geomspace(0.05, np.sqrt(2.0), 100)  # possible standard deviations, as a share of the first guess
-SYSTEMATIC = (
-    np.diag([0.1, 0.02, 0.05, 0.1]) ** 2
-)  # covariance of what `systematic` lists, of an unknown robot
+SYSTEMATIC = np.diag([0.1, 0.01, 0.05, 0.1]) ** 2  # covariance of `systematic`, of an unknown robot
 LEAST_SEEN = 1e-3
 
 
