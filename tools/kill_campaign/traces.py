@@ -65,7 +65,8 @@ def stale_names(traces: Traces, run_id: str, modules: Mapping[str, ModuleFigures
     """Return the names that no living process of a run at rest needs."""
     slots = {slot: module.incarnation for slot, module in enumerate(modules.values(), start=1)}
     slots[0] = 1  # the supervisor
-    kept = {names.board(run_id), names.clock(run_id), names.core(run_id), names.core_wakeup(run_id)}
+    kept = {names.home(run_id), names.board(run_id), names.clock(run_id)}
+    kept |= {names.core(run_id), names.core_wakeup(run_id)}
     data = []
     for slot, incarnation in slots.items():
         kept |= {names.outbound(run_id, slot, incarnation), names.inbound(run_id, slot, incarnation)}
