@@ -208,7 +208,8 @@ def test_full_account_of_a_run_is_in_its_last_line(robot: Robot) -> None:
     # On a busy machine, images fill the queue of the black box before it is read, and triggers are missed.
     process = start(robot, PROFILE.replace('  camera: {class: "acts:Camera"}\n', ""))
     wait_until(lambda: scans_seen(robot) > 100)
-    wait_until(lambda: re.fullmatch(r"keeps \d+ s", robot.top()["black_box"]["status"]))
+    status = re.compile(r"keeps \d+ s")
+    wait_until(lambda: status.fullmatch(robot.top()["black_box"]["status"]) is not None)
     assert robot.command("mark", "at the end").returncode == 0
     Ended.in_order(process)
     (clip,) = clips(robot)
