@@ -206,9 +206,9 @@ def folders_of(run_id: str, bases: list[Path], shared_memory: Path = SHARED_MEMO
     folders = [base / run_id for base in bases]
     with (
         contextlib.suppress(SegmentMissing, SegmentMismatch, OSError),
-        opened_folder(names.folder(run_id), shared_memory) as fd,
+        opened_folder(names.folder(run_id), shared_memory),  # so nobody else has made the link
     ):
-        home = Path(os.readlink(Path(names.home(run_id)).name, dir_fd=fd))
+        home = (shared_memory / names.home(run_id)).readlink()
         if home.name == run_id and home not in folders and not privacy_problem(home.parent):
             folders.append(home)
     return [folder for folder in folders if os.path.lexists(folder)]
